@@ -1,0 +1,5 @@
+"""clt: collaborative localization from range and odometry logs."""
+
+from __future__ import annotations
+
+__version__ = "0.1.0"

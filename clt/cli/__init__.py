@@ -1,0 +1,1 @@
+"""The command layer: options in, text and exit codes out. No maths here."""

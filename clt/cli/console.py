@@ -1,0 +1,43 @@
+"""What a command says on stderr, and the exit code it ends with."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, field
+
+from clt.streams import Fault
+
+DONE, FAILED, USAGE, PARTIAL, INTERRUPTED = 0, 1, 2, 3, 130
+
+
+@dataclass
+class Console:
+    """Diagnostics of one command run; `code` is 3 once something was only partly done."""
+
+    quiet: bool = False
+    verbose: bool = False
+    code: int = DONE
+    warnings: list[str] = field(default_factory=list)
+
+    def say(self, text: str) -> None:
+        """A line of progress or result for people, silent with -q."""
+        if not self.quiet:
+            print(text, file=sys.stderr)
+
+    def detail(self, text: str) -> None:
+        """A line only with -v."""
+        if self.verbose:
+            print(text, file=sys.stderr)
+
+    def warn(self, text: str, partial: bool = False) -> None:
+        """A warning; `partial` when data was unusable or an estimate is missing (exit code 3)."""
+        self.warnings.append(text)
+        if partial:
+            self.code = PARTIAL
+        if not self.quiet or partial:
+            print(f"clt: warning: {text}", file=sys.stderr)
+
+    def report(self, faults: tuple[Fault, ...]) -> None:
+        """Say what is wrong with a log that was read."""
+        for fault in faults:
+            self.warn(fault.text, partial=fault.data_lost)

@@ -1,0 +1,20 @@
+"""Options that every command spells the same way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Log = Annotated[Path, typer.Argument(help="An MCAP log; `-` is standard input.", metavar="LOG")]
+Output = Annotated[
+    Path, typer.Option("-o", "--output", help="Where the result goes; `-` is standard output.")
+]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite a file that exists.")]
+Json = Annotated[bool, typer.Option("--json", help="Machine output on stdout, nothing else there.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Errors only on stderr.")]
+Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say more on stderr.")]
+Set = Annotated[
+    list[str], typer.Option("--set", metavar="KEY=VALUE", help="Set one key; may be repeated.")
+]

@@ -1,0 +1,46 @@
+"""Planar geometry: angles on the circle, rotations, poses (x, y, heading) in SE(2).
+
+Right-handed plane, metres; headings in rad, counter-clockwise from +x, in (-pi, pi].
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def wrap(angle: Floats) -> Floats:
+    """Angle(s) in rad, any shape, brought into (-pi, pi]."""
+    return np.pi - np.mod(np.pi - np.asarray(angle, dtype=np.float64), 2.0 * np.pi)
+
+
+def heading_of_quaternion(x: Floats, y: Floats, z: Floats, w: Floats) -> Floats:
+    """Yaw in rad of quaternions given as four arrays of one shape; need not be normalized."""
+    return np.arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+
+
+def rotation(heading: Floats | float) -> Floats:
+    """Rotation matrix R(heading), shape (..., 2, 2): body vectors into the outer frame."""
+    c, s = np.cos(heading), np.sin(heading)
+    return np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
+
+
+def relative_pose(a: Floats, b: Floats) -> Floats:
+    """inv(A) B: poses b (..., 3) seen from the body frames of poses a (..., 3)."""
+    d = b[..., :2] - a[..., :2]
+    c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
+    return np.stack(
+        [
+            c * d[..., 0] + s * d[..., 1],
+            -s * d[..., 0] + c * d[..., 1],
+            wrap(b[..., 2] - a[..., 2]),
+        ],
+        axis=-1,
+    )
+
+
+def interpolate_heading(at: Floats, stamp: Floats, heading: Floats) -> Floats:
+    """Headings (rad) at the times `at`, along the shorter arc between samples."""
+    return wrap(np.interp(at, stamp, np.unwrap(heading)))

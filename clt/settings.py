@@ -1,0 +1,149 @@
+"""Typed settings from TOML, `CLT_*` environment variables and `--set KEY=VALUE`.
+
+Precedence: defaults < file < environment < options. Unknown keys are refused with the nearest
+known one named. A settings type is a frozen pydantic model; `parse` turns every fault of the
+input into one line.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from clt.errors import UsageError
+
+PREFIX = "CLT_"
+
+
+class Settings(BaseModel):
+    """Base of every settings type: frozen, unknown keys refused, NaN and infinity refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+S = TypeVar("S", bound=BaseModel)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """A TOML file as a dictionary. Raises UsageError naming the file and the line."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"{path}: {error.strerror or error}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UsageError(f"{path}: not valid TOML: {error}") from None
+
+
+def assign(tree: dict[str, Any], key: str, value: Any) -> None:
+    """Set `a.b.c` in a nested dictionary. Raises UsageError where a table is not one."""
+    *tables, leaf = key.split(".")
+    for name in tables:
+        tree = tree.setdefault(name, {})
+        if not isinstance(tree, dict):
+            raise UsageError(f"{key}: {name} is not a table")
+    tree[leaf] = value
+
+
+def literal(text: str) -> Any:
+    """The TOML value that `text` spells, else `text` itself: 3, 0.1, true, [1, 2], word."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def assignments(options: Iterable[str]) -> dict[str, Any]:
+    """`KEY=VALUE` options as {key: value}. Raises UsageError for one without a key."""
+    pairs: dict[str, Any] = {}
+    for option in options:
+        key, sign, text = option.partition("=")
+        if sign == "" or key.strip() == "":
+            raise UsageError(f"--set {option}: expected KEY=VALUE, e.g. --set duration=60")
+        pairs[key.strip()] = literal(text.strip())
+    return pairs
+
+
+def known_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
+    """Every dotted key of a settings type, tables included."""
+    keys: list[str] = []
+    for name, info in model.model_fields.items():
+        keys.append(prefix + name)
+        kind = info.annotation
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            keys += known_keys(kind, f"{prefix}{name}.")
+    return keys
+
+
+def from_environment(
+    model: type[BaseModel],
+    others: Iterable[str] = (),
+    environment: Mapping[str, str] | None = None,
+) -> dict[str, Any]:
+    """`CLT_SENSORS__RANGE__SIGMA=0.2` as {"sensors.range.sigma": 0.2} (two underscores = a dot).
+
+    `others` are keys that belong to another command and are passed over here.
+    Raises UsageError for a variable that no command knows.
+    """
+    environment = os.environ if environment is None else environment
+    names = {key.replace(".", "__").upper(): key for key in known_keys(model)}
+    foreign = {key.replace(".", "__").upper() for key in others}
+    pairs: dict[str, Any] = {}
+    for variable in sorted(environment):
+        if not variable.startswith(PREFIX):
+            continue
+        name = variable.removeprefix(PREFIX)
+        if name in names:
+            pairs[names[name]] = literal(environment[variable])
+        elif name not in foreign:
+            hint = nearest(name, [*names, *foreign])
+            hint = hint.replace("did you mean `", "did you mean `" + PREFIX)
+            raise UsageError(f"environment variable {variable}: unknown key{hint}")
+    return pairs
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """ ", did you mean `x`?" for the known word closest to `word`, or the whole list."""
+    known = list(known)
+    close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    if len(close) == 1:
+        return f", did you mean `{close[0]}`?"
+    return f"; known: {', '.join(sorted(known))}" if len(known) > 0 else ""
+
+
+def parse(model: type[S], data: Mapping[str, Any], source: str) -> S:
+    """Build a settings value. Raises UsageError: one line with source, key and remedy."""
+    try:
+        return model.model_validate(dict(data))
+    except ValidationError as error:
+        fault = error.errors()[0]
+        path = [str(part) for part in fault["loc"]]
+        if fault["type"] == "extra_forbidden":
+            table = _table(model, path[:-1])
+            hint = nearest(path[-1], table.model_fields if table is not None else ())
+            raise UsageError(f"{source}: unknown key `{'.'.join(path)}`{hint}") from None
+        text = fault["msg"].removeprefix("Value error, ")
+        raise UsageError(f"{source}: `{'.'.join(path)}`: {text}") from None
+
+
+def _table(model: type[BaseModel], path: list[str]) -> type[BaseModel] | None:
+    """The settings type at a path of keys; list indices and union tags are looked through."""
+    for name in path:
+        kinds = _models(model.model_fields[name].annotation) if name in model.model_fields else []
+        if len(kinds) == 1:
+            model = kinds[0]
+        elif len(kinds) > 1 or name in model.model_fields:
+            return None
+    return model
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    """The settings types named anywhere inside an annotation."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [kind for part in getattr(annotation, "__args__", ()) for kind in _models(part)]
