@@ -108,7 +108,7 @@ def from_environment(
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """ ", did you mean `x`?" for the known word closest to `word`, or the whole list."""
+    """Remedy for an unknown word: the known word closest to it, or the whole list."""
     known = list(known)
     close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
     if len(close) == 1:
