@@ -1,0 +1,1 @@
+"""MCAP logs in and out, as columns; nothing about estimation."""
