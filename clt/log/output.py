@@ -1,0 +1,110 @@
+"""Where results go: a file that appears whole or not at all, or standard output."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from clt.errors import CltError, UsageError
+
+STDOUT = Path("-")
+
+
+@contextmanager
+def output(path: Path, force: bool = False, inputs: Sequence[Path] = ()) -> Iterator[BinaryIO]:
+    """A binary file that takes its final name only when the block ends without an exception.
+
+    `-` is standard output (it need not be seekable). `inputs` are files that must not be
+    overwritten even with `force`. Raises UsageError for a terminal, CltError for a target that
+    exists without `force`, that is an input, or that cannot be written (e.g. a full disk).
+    """
+    if path == STDOUT:
+        _refuse_terminal()
+        with _written(Path("standard output")):
+            try:
+                yield sys.stdout.buffer
+                sys.stdout.buffer.flush()
+            except OSError:
+                _silence_stdout()
+                raise
+    elif _special(path):
+        with _written(path), path.open("wb") as file:
+            yield file
+    else:
+        with (
+            output_path(path, force, inputs) as temporary,
+            _written(path),
+            temporary.open("xb") as file,
+        ):
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+
+
+@contextmanager
+def output_path(path: Path, force: bool = False, inputs: Sequence[Path] = ()) -> Iterator[Path]:
+    """A temporary path beside `path`, renamed to it on success and removed on any exception.
+
+    For writers that want a name; the suffix is kept. Raises CltError as `output` does.
+    """
+    check(path, force, inputs)
+    path = path.resolve()
+    temporary = path.with_name(f".{path.stem[:100]}.{secrets.token_hex(4)}{path.suffix}")
+    try:
+        yield temporary
+        with _written(path):
+            temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def check(path: Path, force: bool = False, inputs: Sequence[Path] = ()) -> None:
+    """Raise CltError unless `path` may be written; for commands to call before they work."""
+    if path == STDOUT:
+        _refuse_terminal()
+        return
+    if not path.parent.is_dir():
+        raise CltError(f"{path}: no directory {path.parent}; create it first")
+    if path.is_dir():
+        raise CltError(f"{path}: is a directory; name a file in it")
+    if any(_same(path, other) for other in inputs):
+        raise CltError(f"{path}: is also an input; choose another output")
+    if path.exists() and not force and not _special(path):
+        raise CltError(f"{path}: exists; use --force to overwrite it")
+
+
+def _same(path: Path, other: Path) -> bool:
+    return path.exists() and other.exists() and path.samefile(other)
+
+
+def _refuse_terminal() -> None:
+    if sys.stdout.isatty():
+        raise UsageError("standard output is a terminal; give a file or a pipe: -o LOG")
+
+
+def _silence_stdout() -> None:
+    """Let what Python still holds for a broken standard output vanish when it exits."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _special(path: Path) -> bool:
+    """A device or a named pipe: written in place, never replaced."""
+    return path.exists() and not path.is_file() and not path.is_dir()
+
+
+@contextmanager
+def _written(path: Path) -> Iterator[None]:
+    """Name `path` in an error of writing it; errors about other files pass through."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        if error.filename is not None and Path(error.filename).parent != path.parent:
+            raise
+        raise CltError(f"{path}: {error.strerror or error}") from error
