@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-from clt.streams import Fault
+if TYPE_CHECKING:
+    from clt.streams import Fault  # importing it for real would load numpy for `clt --help`
 
 DONE, FAILED, USAGE, PARTIAL, INTERRUPTED = 0, 1, 2, 3, 130
 
