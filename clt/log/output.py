@@ -38,7 +38,7 @@ def output(path: Path, force: bool = False, inputs: Sequence[Path] = ()) -> Iter
     else:
         with (
             output_path(path, force, inputs) as temporary,
-            _written(path),
+            _written(path, temporary),
             temporary.open("xb") as file,
         ):
             yield file
@@ -57,7 +57,7 @@ def output_path(path: Path, force: bool = False, inputs: Sequence[Path] = ()) ->
     temporary = path.with_name(f".{path.stem[:100]}.{secrets.token_hex(4)}{path.suffix}")
     try:
         yield temporary
-        with _written(path):
+        with _written(path, temporary):
             temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
@@ -98,13 +98,13 @@ def _special(path: Path) -> bool:
 
 
 @contextmanager
-def _written(path: Path) -> Iterator[None]:
+def _written(path: Path, temporary: Path | None = None) -> Iterator[None]:
     """Name `path` in an error of writing it; errors about other files pass through."""
     try:
         yield
     except BrokenPipeError:
         raise
     except OSError as error:
-        if error.filename is not None and Path(error.filename).parent != path.parent:
+        if error.filename not in {None, str(path), str(temporary)}:
             raise
         raise CltError(f"{path}: {error.strerror or error}") from error
