@@ -1,0 +1,27 @@
+"""Other people's formats into a `Recording`. A format is one function in one file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from clt.importers.thu import read_thu
+from clt.streams import Recording
+
+
+class Format(NamedTuple):
+    """One importable format."""
+
+    about: str
+    """One line for `clt import --list`."""
+    read: Callable[[Path], Recording]
+
+
+FORMATS = {
+    "thu": Format(
+        "Tsinghua range_only_CL, run of 2019-04-18: the folder with data190313.mat and Data1.txt",
+        read_thu,
+    ),
+}
+"""By the name that `clt import` takes."""

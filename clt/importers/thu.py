@@ -1,0 +1,178 @@
+"""The Tsinghua run of 18 April 2019 (range_only_CL): UWB, wheel encoders, laser-SLAM truth.
+
+`data190313.mat` (MATLAB 5) holds two arrays of structs:
+
+- `range_m`: pair (two ids), t (s), range (m) as the radios gave it, 100 Hz for each of 6 pairs;
+- `robot`: id; truth t (s), x, y (m), phi (rad) at 2 Hz; odometry t_m (s), v_m (m/s), omega_m
+  (rad/s) at 20 Hz, each sample the mean over the interval that ends at its stamp.
+
+`Data1.txt` beside it holds the surveyed positions of the nodes that stand still, in the frame of
+the truth: a line ending in `ID<id>`, the next line `x, y` in metres. Its other text is GBK.
+
+Robots are named R<id>. Stamps are the file's own seconds (an arbitrary zero, one time base for all
+streams) in nanoseconds; when a sample reached the recorder is not known, so log_time = stamp.
+The ranges read about 0.58 m short: give `clt import` or `clt localize` a calibration.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clt.errors import LogError
+from clt.streams import WORLD, Floats, Odometry, Poses, Ranges, Recording, Robot, Stamps, Team
+
+MAT = "data190313.mat"
+SURVEY = "Data1.txt"
+NODE = re.compile(r"ID(\d+)\s*\n\s*([-+.\d]+)\s*,\s*([-+.\d]+)\s*\n")
+
+
+def read_thu(path: Path) -> Recording:
+    """Read the folder of the data set, or its .mat file with `Data1.txt` beside it.
+
+    Raises:
+        LogError: naming the file and what is missing or wrong in it.
+    """
+    mat = path / MAT if path.is_dir() else path
+    ranges, robots = _read_mat(mat)
+    moving = {_integers(robot, "id", 1, f"{mat}: robot")[0]: robot for robot in robots}
+    pairs = [_integers(entry, "pair", 2, f"{mat}: range_m") for entry in ranges]
+    if len(moving) < len(robots):
+        raise LogError(f"{mat}: two entries of `robot` share one id")
+    if any(a == b for a, b in pairs):
+        raise LogError(f"{mat}: a `range_m` measures from a node to itself")
+    static = sorted({node for pair in pairs for node in pair} - set(moving))
+    team = _team(sorted(moving), static, mat.with_name(SURVEY))
+    names = {robot.id: robot.name for robot in team.robots}
+    return Recording(
+        team=team,
+        odometry={names[i]: _odometry(moving[i], f"{mat}: robot {i}") for i in sorted(moving)},
+        ranges=_ranges(ranges, pairs, team, mat),
+        truth={names[i]: _truth(moving[i], f"{mat}: robot {i}") for i in sorted(moving)},
+    )
+
+
+def _read_mat(path: Path) -> tuple[list[Any], list[Any]]:
+    """The entries of `range_m` and of `robot`."""
+    from scipy.io import loadmat  # noqa: PLC0415 - slow to import, and only wanted here
+
+    try:
+        content = loadmat(str(path), appendmat=False, squeeze_me=True)
+    except OSError as error:
+        raise LogError(f"{path}: {error.strerror or error}") from None
+    except Exception as error:  # noqa: BLE001 - scipy lets through whatever a broken file provokes
+        raise LogError(f"{path}: not a MATLAB 5 file: {_line(error)}") from None
+    return _structs(content, "range_m", path), _structs(content, "robot", path)
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _structs(content: dict[str, Any], name: str, path: Path) -> list[Any]:
+    if name not in content:
+        raise LogError(f"{path}: no `{name}` in it")
+    value = np.atleast_1d(content[name])
+    if value.dtype.names is None or len(value) == 0:
+        raise LogError(f"{path}: `{name}` is not an array of structs")
+    return list(value.ravel())
+
+
+def _column(entry: Any, name: str, place: str) -> Floats:
+    """A field of a struct as finite numbers, shape (n,)."""
+    if name not in entry.dtype.names:
+        raise LogError(f"{place}: no field `{name}`")
+    try:
+        column = np.ravel(np.asarray(entry[name], dtype=np.float64))
+    except (TypeError, ValueError):
+        raise LogError(f"{place}: `{name}` is not numeric") from None
+    if not np.all(np.isfinite(column)):
+        raise LogError(f"{place}: `{name}` holds values that are not finite")
+    return column
+
+
+def _columns(entry: Any, names: tuple[str, ...], place: str) -> list[Floats]:
+    """Fields of one length, in the order of the first, which is a time."""
+    columns = [_column(entry, name, place) for name in names]
+    lengths = [len(column) for column in columns]
+    if len(set(lengths)) > 1:
+        told = ", ".join(f"{name} {n}" for name, n in zip(names, lengths, strict=True))
+        raise LogError(f"{place}: fields differ in length: {told}")
+    order = np.argsort(columns[0], kind="stable")
+    return [column[order] for column in columns]
+
+
+def _integers(entry: Any, name: str, count: int, place: str) -> tuple[int, ...]:
+    values = _column(entry, name, place)
+    whole = (values >= 0) & (values < 2**16) & (values == np.round(values))
+    if len(values) != count or not np.all(whole):
+        raise LogError(f"{place}: `{name}` should hold {count} id(s), 0 to 65535")
+    return tuple(int(value) for value in values)
+
+
+def _nanoseconds(seconds: Floats) -> Stamps:
+    return np.rint(seconds * 1e9).astype(np.int64)
+
+
+def _team(moving: list[int], static: list[int], survey: Path) -> Team:
+    """All nodes in the order of their ids."""
+    positions = _survey(survey)
+    for node in static:
+        if node not in positions:
+            raise LogError(f"{survey}: no position of node {node}")
+    robots = [Robot(f"R{node}", node) for node in moving]
+    robots += [Robot(f"R{node}", node, static=True, position=positions[node]) for node in static]
+    return Team(tuple(sorted(robots, key=lambda robot: robot.id)))
+
+
+def _survey(path: Path) -> dict[int, tuple[float, float]]:
+    """Surveyed positions (m) by id."""
+    try:
+        text = path.read_bytes().decode("ascii", errors="replace").replace("\r\n", "\n")
+    except OSError as error:
+        raise LogError(f"{path}: {error.strerror or error}") from None
+    try:
+        return {int(node): (float(x), float(y)) for node, x, y in NODE.findall(text)}
+    except ValueError as error:
+        raise LogError(f"{path}: a position is not two numbers: {error}") from None
+
+
+def _odometry(robot: Any, place: str) -> Odometry:
+    t, v, omega = _columns(robot, ("t_m", "v_m", "omega_m"), place)
+    stamp, unknown = _nanoseconds(t), np.full(len(t), np.nan)
+    return Odometry(stamp, stamp, v, omega, sigma_v=unknown, sigma_omega=unknown)
+
+
+def _truth(robot: Any, place: str) -> Poses:
+    t, x, y, heading = _columns(robot, ("t", "x", "y", "phi"), place)
+    stamp = _nanoseconds(t)
+    return Poses(WORLD, stamp, stamp, x, y, heading)
+
+
+def _ranges(entries: list[Any], pairs: list[tuple[int, ...]], team: Team, mat: Path) -> Ranges:
+    """All pairs in one table by stamp; uncalibrated, so `range` is `raw`."""
+    index = {robot.id: i for i, robot in enumerate(team.robots)}
+    columns = [
+        _columns(entry, ("t", "range"), f"{mat}: range_m of pair {'-'.join(map(str, pair))}")
+        for entry, pair in zip(entries, pairs, strict=True)
+    ]
+    counts = [len(t) for t, _ in columns]
+    stamp = _nanoseconds(np.concatenate([t for t, _ in columns]))
+    order = np.argsort(stamp, kind="stable")
+    source, target = (
+        np.repeat([index[pair[end]] for pair in pairs], counts)[order] for end in (0, 1)
+    )
+    raw = np.concatenate([r for _, r in columns])[order]
+    return Ranges(
+        stamp=stamp[order],
+        log_time=stamp[order],
+        source=source,
+        target=target,
+        range=raw,
+        raw=raw,
+        sigma=np.full(len(raw), np.nan),
+        sequence=np.concatenate([np.arange(n) for n in counts])[order],
+    )
