@@ -26,5 +26,7 @@ class Posterior:
     """Joint covariance at the end, shape (3 n, 3 n)."""
     warnings: tuple[str, ...] = ()
     """What a user must know about this run, one line each."""
+    left_out: tuple[str, ...] = ()
+    """What could not be estimated and why, one line each."""
     diverged: tuple[str, ...] = ()
     """Robots whose estimate cannot be trusted."""

@@ -1,0 +1,228 @@
+"""Streams into what the kernels eat: twist segments per robot and one table of ranges.
+
+A segment is a span of time over which a robot's twist is taken as constant, with the variance of
+that twist and the interval over which this error stays the same (so that it adds
+variance * interval * dt to the integral over dt).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from clt.filters.settings import Noise
+from clt.streams import Floats, Indices, Odometry, Ranges, Robot, Stamps, Team
+
+GAP = 1.5
+"""A step longer than this many median periods is a gap in the odometry."""
+GAP_CORRELATION = 1.0
+"""Seconds over which an unseen twist keeps its value."""
+DEFAULT_SIGMA_V, DEFAULT_SIGMA_OMEGA, DEFAULT_SIGMA_RANGE = 0.1, 0.1, 0.1
+"""Assumed, and said, where neither the log nor the user tells. m/s, rad/s, m."""
+
+
+class Segments(NamedTuple):
+    """Twist segments of all robots one after another; robot i owns first[i] .. first[i + 1]."""
+
+    first: Indices
+    end: Stamps
+    """ns; a segment begins where the one before it ended."""
+    v: Floats
+    omega: Floats
+    interval: Floats
+    """s."""
+    var_v: Floats
+    var_omega: Floats
+
+
+class RangeTable(NamedTuple):
+    """Ranges to fuse, sorted by stamp; ends are state indices, -1 for a fixed anchor."""
+
+    row: Indices
+    """Row of `Ranges` that each came from."""
+    stamp: Stamps
+    a: Indices
+    b: Indices
+    anchor: Floats
+    """Position of the fixed end, shape (n, 2), m; unused where both ends are in the state."""
+    range: Floats
+    variance: Floats
+    """Of one range, m^2: what the gate tests against."""
+    weight_variance: Floats
+    """What the update uses: larger where errors are correlated in time."""
+
+
+def first_known(*choices: Floats | float | None, size: int) -> Floats:
+    """Element by element the first choice that is neither None nor NaN; NaN if none is."""
+    result = np.full(size, np.nan)
+    for choice in choices:
+        if choice is not None:
+            result = np.where(np.isnan(result), choice, result)
+    return result
+
+
+def interval_twist(odometry: Odometry, robot: Robot) -> tuple[Floats, Floats]:
+    """Twist (v, omega) as means over the interval that ends at each stamp.
+
+    Instants are averaged with the one before (midpoint rule of Shi, section "ESKF propagation").
+    """
+    v, omega = odometry.v, odometry.omega
+    if robot.twist == "instant":
+        v = np.append(v[:1], 0.5 * (v[1:] + v[:-1]))
+        omega = np.append(omega[:1], 0.5 * (omega[1:] + omega[:-1]))
+    return v, omega
+
+
+def robot_segments(
+    odometry: Odometry, robot: Robot, noise: Noise, start: int, end: int
+) -> tuple[Segments, tuple[str, ...]]:
+    """Segments of one robot from `start` to `end` (ns), and what had to be assumed.
+
+    A gap is bridged with the mean of the samples around it and an error as large as the twist
+    varies over the log; so is the time after the last sample.
+    """
+    notes: list[str] = []
+    size = odometry.stamp.size
+    sigma_v = first_known(noise.sigma_v, odometry.sigma_v, robot.sigma_v, size=size)
+    sigma_w = first_known(noise.sigma_omega, odometry.sigma_omega, robot.sigma_omega, size=size)
+    if np.isnan(sigma_v).any() or np.isnan(sigma_w).any():
+        notes.append(
+            f"the log does not tell the odometry noise of {robot.name}: assumed "
+            f"{DEFAULT_SIGMA_V} m/s and {DEFAULT_SIGMA_OMEGA} rad/s; set noise.sigma_v and "
+            "noise.sigma_omega"
+        )
+        sigma_v = np.where(np.isnan(sigma_v), DEFAULT_SIGMA_V, sigma_v)
+        sigma_w = np.where(np.isnan(sigma_w), DEFAULT_SIGMA_OMEGA, sigma_w)
+    v, omega = interval_twist(odometry, robot)
+    var_v = sigma_v**2 + (noise.slip_v * v) ** 2
+    var_w = sigma_w**2 + (noise.slip_omega * omega) ** 2
+    stamp = odometry.stamp
+    step = np.diff(stamp)
+    period = int(np.median(step)) if step.size > 0 else 0
+    gap = np.append(False, step > GAP * period)
+    begin = np.append(stamp[0] - period, stamp[:-1])
+    begin = np.where(gap, stamp - period, begin)
+    wild_v = float(np.mean(var_v) + np.var(v))
+    wild_w = float(np.mean(var_w) + np.var(omega))
+    holes = np.flatnonzero(gap)
+    late = end > stamp[-1]
+    ends = np.concatenate([stamp, begin[holes], [end] if late else []]).astype(np.int64)
+    before = np.concatenate([begin, stamp[holes - 1], [stamp[-1]] if late else []])
+    seconds = (ends - before) * 1e-9
+    bridge_v = 0.5 * (v[holes - 1] + v[holes])
+    bridge_w = 0.5 * (omega[holes - 1] + omega[holes])
+    extra = holes.size + int(late)
+    order = np.argsort(ends, kind="stable")
+    order = order[ends[order] > start]
+    interval = np.append(seconds[:size], np.minimum(seconds[size:], GAP_CORRELATION))
+    segments = Segments(
+        np.array([0, order.size]),
+        ends[order],
+        np.concatenate([v, bridge_v, v[-1:] if late else []])[order],
+        np.concatenate([omega, bridge_w, omega[-1:] if late else []])[order],
+        interval[order],
+        np.append(var_v, np.full(extra, wild_v))[order],
+        np.append(var_w, np.full(extra, wild_w))[order],
+    )
+    inside = holes[stamp[holes] > start]
+    if inside.size > 0:
+        longest = float(np.max(stamp[inside] - stamp[inside - 1])) * 1e-9
+        notes.append(
+            f"the odometry of {robot.name} has {inside.size} gaps, the longest {longest:.2f} s: "
+            "bridged with widened noise"
+        )
+    return segments, tuple(notes)
+
+
+def join_segments(parts: Sequence[Segments]) -> Segments:
+    """Segments of several robots behind one another."""
+    counts = [part.end.size for part in parts]
+    return Segments(
+        np.cumsum([0, *counts]),
+        *(
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("end", "v", "omega", "interval", "var_v", "var_omega")
+        ),
+    )
+
+
+def standing() -> Segments:
+    """No segments: a robot whose pose does not change."""
+    none = np.empty(0)
+    return Segments(np.zeros(2, np.int64), np.empty(0, np.int64), none, none, none, none, none)
+
+
+def correlated_variance(
+    variance: Floats, stamp: Stamps, pair: Indices, correlation_time: float
+) -> Floats:
+    """Variance to give each range so that a white-noise filter does not believe a pair too much.
+
+    An AR(1) error with rho = exp(-dt / tau) carries, over many samples, the information of white
+    noise with variance sigma^2 (1 + rho) / (1 - rho).
+    """
+    if correlation_time <= 0.0 or stamp.size == 0:
+        return variance
+    order = np.lexsort((stamp, pair))
+    dt = np.diff(stamp[order]) * 1e-9
+    same = np.diff(pair[order]) == 0
+    rho = np.zeros(stamp.size)
+    # Equal stamps of one pair: as close as a nanosecond, not infinitely correlated.
+    rho[1:] = np.where(same, np.exp(-np.maximum(dt, 1e-9) / correlation_time), 0.0)
+    first = np.append(True, ~same)
+    following = np.append(rho[1:], 0.0)
+    rho = np.where(first, following, rho)
+    result = np.empty_like(variance)
+    result[order] = variance[order] * (1.0 + rho) / (1.0 - rho)
+    return result
+
+
+def range_table(
+    ranges: Ranges,
+    team: Team,
+    state: dict[int, int],
+    anchors: dict[int, Floats],
+    noise: Noise,
+    start: int,
+    end: int,
+) -> tuple[RangeTable, tuple[str, ...]]:
+    """The ranges between start and end (ns) that touch the state and have both ends placed.
+
+    `state` maps team indices to state indices, `anchors` to fixed positions.
+    """
+    size = len(team.robots)
+    where = np.full(size, -2)
+    place = np.zeros((size, 2))
+    for robot, index in state.items():
+        where[robot] = index
+    for robot, position in anchors.items():
+        where[robot] = -1
+        place[robot] = position
+    source, target = where[ranges.source], where[ranges.target]
+    use = (np.minimum(source, target) >= -1) & (np.maximum(source, target) >= 0)
+    use &= (ranges.stamp > start) & (ranges.stamp <= end)
+    row = np.flatnonzero(use)
+    notes: list[str] = []
+    sigma = first_known(noise.sigma_range, ranges.sigma[row], team.range_sigma, size=row.size)
+    if np.isnan(sigma).any():
+        notes.append(
+            f"the log does not tell the noise of its ranges: assumed {DEFAULT_SIGMA_RANGE} m; "
+            "set noise.sigma_range"
+        )
+        sigma = np.where(np.isnan(sigma), DEFAULT_SIGMA_RANGE, sigma)
+    variance = sigma**2
+    low = np.minimum(ranges.source[row], ranges.target[row])
+    high = np.maximum(ranges.source[row], ranges.target[row])
+    fixed = np.where(source[row] < 0, ranges.source[row], ranges.target[row])
+    table = RangeTable(
+        row,
+        ranges.stamp[row],
+        source[row],
+        target[row],
+        np.ascontiguousarray(place[fixed]),
+        ranges.range[row],
+        variance,
+        correlated_variance(variance, ranges.stamp[row], low * size + high, noise.correlation_time),
+    )
+    return table, tuple(notes)

@@ -1,0 +1,142 @@
+"""Joint Kalman update with many scalar measurements of one instant, in place.
+
+All measurements share the linearization point, as in the textbook batch update: m rows with two
+blocks of three non-zero entries each (a range touches two robots). `sequential` and `batch` give
+the same posterior; their costs grow as m N^2 and N^3.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clt.filters.compiled import kernel
+from clt.streams import Floats, Indices
+
+
+@kernel
+def index(a: int, b: int, k: int) -> int:
+    """State index of entry k (0 .. 5) of a range's two blocks a and b."""
+    return 3 * a + k if k < 3 else 3 * b + k - 3
+
+
+@kernel
+def add_rows(P: Floats, block: int, H: Floats, m: int, offset: int, out: Floats) -> None:
+    """Add P[:, block] H_m[block]^T to `out` (N,), reading rows as P is symmetric."""
+    p = 3 * block
+    hx, hy, ht = H[m, offset], H[m, offset + 1], H[m, offset + 2]
+    for c in range(out.size):
+        out[c] += hx * P[p, c] + hy * P[p + 1, c]
+    if ht != 0.0:
+        for c in range(out.size):
+            out[c] += ht * P[p + 2, c]
+
+
+@kernel
+def dot(vector: Floats, a: int, b: int, H: Floats, m: int) -> float:
+    """H_m vector; a, b are block indices, negative for an end outside the state."""
+    total = 0.0
+    for k in range(3):
+        if a >= 0:
+            total += H[m, k] * vector[3 * a + k]
+        if b >= 0:
+            total += H[m, 3 + k] * vector[3 * b + k]
+    return total
+
+
+@kernel
+def block_form(P: Floats, a: int, b: int, H: Floats, m: int, i: int, j: int) -> float:
+    """H_m[i : i + 3] P[a, b] H_m[j : j + 3]^T of two 3 x 3 blocks' worth of P."""
+    p, q = 3 * a, 3 * b
+    total = 0.0
+    for r in range(3):
+        row = P[p + r, q] * H[m, j] + P[p + r, q + 1] * H[m, j + 1] + P[p + r, q + 2] * H[m, j + 2]
+        total += H[m, i + r] * row
+    return total
+
+
+@kernel
+def projected_variance(P: Floats, a: int, b: int, H: Floats, m: int) -> float:
+    """H_m P H_m^T from the blocks of both ends alone."""
+    total = 0.0
+    if a >= 0:
+        total += block_form(P, a, a, H, m, 0, 0)
+    if b >= 0:
+        total += block_form(P, b, b, H, m, 3, 3)
+    if a >= 0 and b >= 0:
+        total += 2.0 * block_form(P, a, b, H, m, 0, 3)
+    return total
+
+
+@kernel
+def sequential(
+    P: Floats, a: Indices, b: Indices, H: Floats, residual: Floats, R: Floats, used: Indices
+) -> Floats:
+    """One scalar update after the other. Returns the error state delta (N,); P is updated.
+
+    K = P H^T / S, delta += K (r - H delta), P -= K S K^T. Rows with used == 0 are left out.
+    """
+    N = P.shape[0]
+    delta, column = np.zeros(N), np.empty(N)
+    for m in range(residual.size):
+        if used[m] == 0:
+            continue
+        column[:] = 0.0
+        if a[m] >= 0:
+            add_rows(P, a[m], H, m, 0, column)
+        if b[m] >= 0:
+            add_rows(P, b[m], H, m, 3, column)
+        S = dot(column, a[m], b[m], H, m) + R[m]
+        gain = (residual[m] - dot(delta, a[m], b[m], H, m)) / S
+        for r in range(N):
+            delta[r] += column[r] * gain
+            K = column[r] / S
+            for c in range(N):
+                P[r, c] -= K * column[c]
+    return delta
+
+
+@kernel
+def normal_equations(
+    a: Indices, b: Indices, H: Floats, residual: Floats, R: Floats, used: Indices, N: int
+) -> tuple[Floats, Indices]:
+    """[A | g] = H^T R^-1 [H | r] in the columns that H touches, and those columns (T,)."""
+    place = np.full(N, -1)
+    for m in range(residual.size):
+        for k in range(6):
+            if used[m] != 0 and H[m, k] != 0.0:
+                place[index(a[m], b[m], k)] = 0
+    columns = np.flatnonzero(place == 0)
+    for t in range(columns.size):
+        place[columns[t]] = t
+    system = np.zeros((columns.size, columns.size + 1))
+    for m in range(residual.size):
+        for k in range(6):
+            if used[m] == 0 or H[m, k] == 0.0:
+                continue
+            p = place[index(a[m], b[m], k)]
+            weight = H[m, k] / R[m]
+            system[p, columns.size] += weight * residual[m]
+            for j in range(6):
+                if H[m, j] != 0.0:
+                    system[p, place[index(a[m], b[m], j)]] += weight * H[m, j]
+    return system, columns
+
+
+@kernel
+def batch(
+    P: Floats, a: Indices, b: Indices, H: Floats, residual: Floats, R: Floats, used: Indices
+) -> Floats:
+    """The same in information form: A = H^T R^-1 H, W = (I + A P)^-1 A, P -= P W P.
+
+    A is non-zero only in the touched columns, so the solve has their number, mostly 2 of 3.
+    """
+    system, columns = normal_equations(a, b, H, residual, R, used, P.shape[0])
+    T = columns.size
+    P_t = np.ascontiguousarray(P[columns])
+    M = np.ascontiguousarray(system[:, :T]) @ np.ascontiguousarray(P_t[:, columns])
+    for k in range(T):
+        M[k, k] += 1.0
+    solution = np.linalg.solve(M, system)
+    delta = P_t.T @ np.ascontiguousarray(solution[:, T])
+    P -= P_t.T @ (np.ascontiguousarray(solution[:, :T]) @ P_t)
+    return delta

@@ -1,0 +1,49 @@
+"""What a user may set about the filters: `clt localize --set KEY=VALUE`, file or environment."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from clt.settings import Settings
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+
+
+class Noise(Settings):
+    """What the filter believes of the sensors; None takes what the log tells."""
+
+    sigma_v: Positive | None = None
+    """One odometry sample, m/s."""
+    sigma_omega: Positive | None = None
+    """One odometry sample, rad/s."""
+    slip_v: NotNegative = 0.0
+    """Further error of v as a share of |v|, white from sample to sample."""
+    slip_omega: NotNegative = 0.0
+    """Further error of omega as a share of |omega|."""
+    sigma_range: Positive | None = None
+    """One calibrated range, m."""
+    correlation_time: NotNegative = 0.0
+    """Of the range error of one pair, s; ranges that come faster tell less than they seem to."""
+
+
+class Initial(Settings):
+    """How well the initial poses are believed where their source does not tell."""
+
+    sigma: tuple[NotNegative, NotNegative, NotNegative] = (0.01, 0.01, 0.01)
+    """x, y in m and heading in rad, for `--init truth`."""
+
+
+class FilterSettings(Settings):
+    """All keys of `clt localize`."""
+
+    noise: Noise = Noise()
+    initial: Initial = Initial()
+    process: Literal["exact", "shi"] = "exact"
+    """Form of the process noise: along the heading, or the paper's diagonal."""
+    gate: NotNegative = 16.0
+    """A range is rejected when its NIS exceeds this; 0 accepts all."""
+    reacquire: Positive = 3.0
+    """Seconds without an accepted range after which a robot's ranges pull it back softly."""

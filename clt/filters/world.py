@@ -1,0 +1,205 @@
+"""Absolute poses of the team in `world`: a recording and a start in, a posterior out.
+
+The state holds three numbers (x, y, theta) for every moving robot that has odometry and a start,
+and for every static robot whose position is uncertain. Static robots of certain position are
+anchors outside the state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from clt.errors import CltError
+from clt.filters import eskf, unicycle
+from clt.filters.inputs import (
+    RangeTable,
+    Segments,
+    join_segments,
+    range_table,
+    robot_segments,
+    standing,
+)
+from clt.filters.posterior import Posterior
+from clt.filters.settings import FilterSettings
+from clt.init.start import Start
+from clt.streams import WORLD, Floats, Innovations, Poses, Recording, Stamps, no_ranges
+
+LOST_SHARE = 0.5
+"""A robot with more than this share of its ranges rejected is called diverged."""
+FORMS = {"exact": unicycle.EXACT, "shi": unicycle.SHI}
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The arrays of one filter run: state robots in team order, inputs, ranges, outputs."""
+
+    robots: tuple[str, ...]
+    mean: Floats
+    covariance: Floats
+    lever: Floats
+    segments: Segments
+    ranges: RangeTable
+    outputs: eskf.Outputs
+    start: int
+    notes: tuple[str, ...]
+    left_out: tuple[str, ...]
+    """Robots that cannot be estimated, with the reason: one line each."""
+
+
+def state_robots(recording: Recording, start: Start) -> tuple[list[str], list[str]]:
+    """Names of the robots in the state, and one line for each moving robot left out."""
+    names, left_out = [], []
+    for robot in recording.team.robots:
+        pose = start.poses.get(robot.name)
+        if robot.static:
+            if pose is not None and np.any(pose.covariance != 0.0):
+                names.append(robot.name)
+        elif robot.name not in recording.odometry:
+            left_out.append(f"{robot.name} moves but has no odometry: not localized")
+        elif pose is None:
+            left_out.append(f"{robot.name} has no initial pose: not localized")
+        else:
+            names.append(robot.name)
+    return names, left_out
+
+
+def pose_problem(recording: Recording, start: Start, settings: FilterSettings) -> Problem:
+    """Lay a recording out for the kernel. Raises CltError where nothing can be estimated."""
+    team = recording.team
+    names, left_out = state_robots(recording, start)
+    odometry = {name: recording.odometry[name] for name in names if name in recording.odometry}
+    if len(odometry) == 0:
+        why = f": {left_out[0]}" if len(left_out) > 0 else ""
+        raise CltError(f"no moving robot can be localized{why}")
+    end = max(int(stream.stamp[-1]) for stream in odometry.values())
+    parts: list[Segments] = []
+    notes: list[str] = []
+    for name in names:
+        if name in odometry:
+            robot = team.robots[team.index(name)]
+            part, said = robot_segments(odometry[name], robot, settings.noise, start.stamp, end)
+            parts.append(part)
+            notes += said
+        else:
+            parts.append(standing())
+    state = {team.index(name): i for i, name in enumerate(names)}
+    anchors = {
+        team.index(name): pose.mean[:2]
+        for name, pose in start.poses.items()
+        if team.robots[team.index(name)].static and name not in names
+    }
+    table, said = range_table(
+        recording.ranges, team, state, anchors, settings.noise, start.stamp, end
+    )
+    if table.row.size == 0:
+        left_out.append("no range ties the team together: the estimate is dead reckoning")
+    covariance = np.zeros((3 * len(names), 3 * len(names)))
+    for i, name in enumerate(names):
+        covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = start.poses[name].covariance
+    return Problem(
+        tuple(names),
+        np.concatenate([start.poses[name].mean for name in names]),
+        covariance,
+        np.array([team.robots[team.index(name)].antenna for name in names], dtype=np.float64),
+        join_segments(parts),
+        table,
+        output_times(names, {name: odometry[name].stamp for name in odometry}, start.stamp),
+        start.stamp,
+        (*notes, *said),
+        tuple(left_out),
+    )
+
+
+def output_times(names: list[str], stamps: dict[str, Stamps], start: int) -> eskf.Outputs:
+    """Each robot at the start and at its own odometry stamps; standing ones with the first's."""
+    default = next(iter(stamps.values()))
+    wanted = []
+    for name in names:
+        own = stamps.get(name, default)
+        wanted.append(np.append(start, np.unique(own[own > start])))
+    stamp = np.concatenate(wanted).astype(np.int64)
+    robot = np.repeat(np.arange(len(names)), [part.size for part in wanted])
+    order = np.argsort(stamp, kind="stable")
+    return eskf.Outputs(stamp[order], robot[order])
+
+
+def solve(problem: Problem, settings: FilterSettings) -> eskf.Run:
+    """Run the error-state Kalman filter on a problem."""
+    return eskf.run(
+        problem.mean,
+        problem.covariance,
+        problem.start,
+        problem.lever,
+        problem.segments,
+        problem.ranges,
+        problem.outputs,
+        gate=settings.gate,
+        reacquire=settings.reacquire,
+        form=FORMS[settings.process],
+    )
+
+
+def trajectories(problem: Problem, run: eskf.Run) -> dict[str, Poses]:
+    """The outputs of a run as one trajectory per robot."""
+    poses = {}
+    for i, name in enumerate(problem.robots):
+        own = problem.outputs.robot == i
+        stamp = problem.outputs.stamp[own]
+        mean = run.mean[own]
+        poses[name] = Poses(
+            WORLD, stamp, stamp, mean[:, 0], mean[:, 1], mean[:, 2], run.covariance[own]
+        )
+    return poses
+
+
+def innovations(problem: Problem, run: eskf.Run, recording: Recording) -> Innovations:
+    """One row per range that the filter saw."""
+    row = problem.ranges.row
+    return Innovations(
+        problem.ranges.stamp,
+        recording.ranges.source[row],
+        recording.ranges.target[row],
+        run.residual,
+        np.sqrt(run.variance),
+        run.residual**2 / run.variance,
+        run.verdict != eskf.REJECTED,
+    )
+
+
+def lost_robots(problem: Problem, run: eskf.Run) -> tuple[str, ...]:
+    """Robots whose estimate is not finite, or whose ranges mostly contradict it."""
+    lost = []
+    for i, name in enumerate(problem.robots):
+        own = problem.outputs.robot == i
+        touched = (problem.ranges.a == i) | (problem.ranges.b == i)
+        rejected = float(np.mean(run.verdict[touched] != eskf.USED)) if touched.any() else 0.0
+        if not np.isfinite(run.mean[own]).all() or rejected > LOST_SHARE:
+            lost.append(name)
+    return tuple(lost)
+
+
+def localize(recording: Recording, start: Start, settings: FilterSettings) -> Posterior:
+    """Shi's centralized filter over a log. Raises CltError where nothing can be estimated."""
+    problem = pose_problem(recording, start, settings)
+    run = solve(problem, settings)
+    return Posterior(
+        "eskf",
+        WORLD,
+        problem.robots,
+        trajectories(problem, run),
+        innovations(problem, run, recording),
+        run.last_mean,
+        run.last_covariance,
+        problem.notes,
+        problem.left_out,
+        lost_robots(problem, run),
+    )
+
+
+def dead_reckon(recording: Recording, start: Start, settings: FilterSettings) -> dict[str, Poses]:
+    """Odometry alone from the same start: the baseline of every report."""
+    alone = replace(recording, ranges=no_ranges())
+    problem = pose_problem(alone, start, settings)
+    return trajectories(problem, solve(problem, settings))

@@ -1,0 +1,63 @@
+"""Initial poses that a user gives: a TOML with one table per robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from clt.errors import CltError, UsageError
+from clt.init.start import InitialPose, Start, fixed_pose, odometry_begin
+from clt.settings import Settings, nearest, parse
+from clt.streams import Recording
+
+Sigma = Annotated[float, Field(ge=0)]
+
+
+class GivenPose(Settings):
+    """One robot: metres and radians in `world`."""
+
+    x: float
+    y: float
+    heading: float = 0.0
+    sigma: tuple[Sigma, Sigma, Sigma] | None = None
+    """Standard deviations of x, y (m) and heading (rad); a static robot without is certain."""
+
+
+def from_poses(
+    recording: Recording,
+    tables: Mapping[str, Any],
+    source: str,
+    sigma: tuple[float, float, float],
+) -> Start:
+    """Start at the beginning of the odometry with the poses of a parsed TOML file.
+
+    `sigma` (m, m, rad) holds for a moving robot whose table gives none. Static robots that the
+    file leaves out keep their known position. Raises UsageError for a robot that the log does
+    not have, CltError where no moving robot is given.
+    """
+    team = recording.team
+    poses: dict[str, InitialPose] = {}
+    for robot in team.static:
+        pose = fixed_pose(robot)
+        if pose is not None:
+            poses[robot.name] = pose
+    for name, table in tables.items():
+        if name not in team.names:
+            raise UsageError(f"{source}: no robot `{name}` in the log{nearest(name, team.names)}")
+        if not isinstance(table, Mapping):
+            raise UsageError(f"{source}: `{name}` must be a table: [{name}] with x, y, heading")
+        given = parse(GivenPose, table, f"{source}: [{name}]")
+        static = team.robots[team.index(name)].static
+        spread = given.sigma if given.sigma is not None else (0.0, 0.0, 0.0) if static else sigma
+        if static:
+            spread = (spread[0], spread[1], 0.0)
+        poses[name] = InitialPose(
+            np.array([given.x, given.y, given.heading]), np.diag(np.square(np.asarray(spread)))
+        )
+    begin = [odometry_begin(recording, name) for name in poses if name in recording.odometry]
+    if len(begin) == 0:
+        raise CltError(f"{source}: names no moving robot that has odometry")
+    return Start(max(begin), poses)

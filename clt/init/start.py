@@ -1,0 +1,45 @@
+"""Where the robots start: what every initializer returns and every filter takes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from clt.streams import Floats, Recording, Robot, Stamps
+
+
+@dataclass(frozen=True)
+class InitialPose:
+    """Mean (x, y, theta), shape (3,), and covariance (3, 3) of one robot in m and rad."""
+
+    mean: Floats
+    covariance: Floats
+
+
+@dataclass(frozen=True)
+class Start:
+    """The poses of the team at one instant."""
+
+    stamp: int
+    """ns; every pose holds at this time."""
+    poses: Mapping[str, InitialPose]
+
+
+def period(stamp: Stamps) -> int:
+    """Median period of a stream in ns; 0 for a single sample."""
+    return int(np.median(np.diff(stamp))) if stamp.size > 1 else 0
+
+
+def odometry_begin(recording: Recording, name: str) -> int:
+    """Beginning of the interval that a robot's first odometry sample covers, ns."""
+    stamp = recording.odometry[name].stamp
+    return int(stamp[0]) - period(stamp)
+
+
+def fixed_pose(robot: Robot) -> InitialPose | None:
+    """The pose of a static robot whose position the log tells, without uncertainty."""
+    if robot.position is None:
+        return None
+    return InitialPose(np.array([*robot.position, 0.0]), np.zeros((3, 3)))
