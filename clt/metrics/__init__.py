@@ -1,0 +1,1 @@
+"""How good an estimate is: association, alignment, errors, consistency."""

@@ -1,0 +1,61 @@
+"""What an evaluation could not tell, and what its reader should know."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from clt.metrics.evaluation import Side
+from clt.metrics.tracks import Warned
+from clt.streams import Poses, Team
+
+LITTLE = 0.9
+"""A matched share under this is a warning."""
+RARE = 0.01
+"""Share of singular covariances that needs no word, e.g. of a start that is known exactly."""
+
+
+def missing(
+    team: Team,
+    truth: Mapping[str, Poses],
+    estimates: Mapping[str, Poses],
+    targets: Mapping[str, Poses],
+) -> list[Warned]:
+    """Robots without truth, and moving robots without an estimate."""
+    egos = {track.frame.lstrip("/").partition("/")[0] for track in estimates.values()}
+    warnings = [
+        Warned(f"{name}: no truth, not scored", partial=True)
+        for name in estimates
+        if name not in targets
+    ]
+    warnings += [
+        Warned(f"{robot.name}: no estimate", partial=True)
+        for robot in team.moving
+        if robot.name in truth and robot.name not in estimates and robot.name not in egos
+    ]
+    if len({track.frame for track in truth.values()}) > 1:
+        frames = ", ".join(dict.fromkeys(track.frame for track in truth.values()))
+        warnings.append(Warned(f"the truth stands in several frames ({frames}), taken as one"))
+    return warnings
+
+
+def doubts(names: Sequence[str], side: Side) -> list[Warned]:
+    """Of robots with estimate and truth: few matches, unknown headings, singular covariances."""
+    warnings: list[Warned] = []
+    for name in names:
+        if name not in side.scores:
+            warnings.append(Warned(f"{name}: no estimate reaches a truth pose", partial=True))
+            continue
+        figures, matched = side.scores[name], side.tracks[name]
+        if figures.share < LITTLE:
+            text = f"{name}: only {matched.paired} of {matched.total} truth poses have an estimate"
+            warnings.append(Warned(f"{text} ({100 * figures.share:.1f} %)"))
+        if figures.heading is None:
+            whose = "truth" if np.all(np.isnan(matched.truth[:, 2])) else "estimate"
+            text = f"{name}: the {whose} has no heading; no heading error, RPE or ANEES"
+            warnings.append(Warned(text))
+        if figures.singular > RARE * figures.matched:
+            text = f"{name}: {figures.singular} of {figures.matched} covariances are singular"
+            warnings.append(Warned(f"{text}, left out of ANEES"))
+    return warnings

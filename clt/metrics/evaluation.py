@@ -1,0 +1,110 @@
+"""The figures of one log as values, and as the JSON that `clt evaluate` prints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from clt.metrics.align import Align, Transform
+from clt.metrics.associate import Association, Matched
+from clt.metrics.consistency import PairNis
+from clt.metrics.errors import Delta
+from clt.metrics.scores import Score
+from clt.metrics.tracks import Warned
+
+
+@dataclass(frozen=True)
+class EvaluateOptions:
+    """How estimates are compared with the truth."""
+
+    align: Align | None = None
+    """None: by the frames, see `clt.metrics.register.choose`."""
+    associate: Association = "interpolate"
+    max_gap: float = 0.5
+    """Longest gap of an estimate that is interpolated across, s."""
+    max_diff: float = 0.01
+    """Furthest that paired stamps may lie apart with `nearest`, s."""
+    delta: Delta = field(default_factory=lambda: Delta(1.0, "s"))
+    """Of the relative error."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """One kind of estimate of the whole team: the filter's, or dead reckoning."""
+
+    tracks: Mapping[str, Matched]
+    """Aligned, by robot."""
+    transforms: Mapping[str, Transform]
+    scores: Mapping[str, Score]
+    team: Score | None
+    """Pooled over all matched poses of the moving robots."""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Figures of one log, and the matched poses behind them."""
+
+    frame: str
+    truth_frame: str
+    relative: bool
+    """Estimates in a body frame: `ape` holds the error of the relative position."""
+    filter: str | None
+    align: Align
+    options: EvaluateOptions
+    estimate: Side
+    dead_reckoning: Side
+    pairs: Mapping[str, PairNis]
+    all_pairs: PairNis | None
+    mirror: bool
+    warnings: tuple[Warned, ...]
+
+    def as_dict(self, log: str) -> dict[str, Any]:
+        """The object that `clt evaluate --json` prints."""
+        robots = dict.fromkeys([*self.estimate.scores, *self.dead_reckoning.scores])
+        return {
+            "log": log,
+            "frame": self.frame,
+            "truth_frame": self.truth_frame,
+            "align": self.align,
+            "filter": self.filter,
+            "units": {"ape": "m", "heading": "rad", "rpe": "m", "anees": "3 expected"},
+            "association": _association(self.options),
+            "transform": {
+                "estimate": _transforms(self.estimate, self.align),
+                "dead_reckoning": _transforms(self.dead_reckoning, self.align),
+            },
+            "robots": {
+                name: {
+                    "estimate": _dict(self.estimate.scores.get(name)),
+                    "dead_reckoning": _dict(self.dead_reckoning.scores.get(name)),
+                }
+                for name in robots
+            },
+            "team": {
+                "estimate": _dict(self.estimate.team),
+                "dead_reckoning": _dict(self.dead_reckoning.team),
+            },
+            "ranges": None if self.all_pairs is None else asdict(self.all_pairs),
+            "pairs": {name: asdict(pair) for name, pair in self.pairs.items()},
+            "mirror": self.mirror,
+            "warnings": [warned.text for warned in self.warnings],
+        }
+
+
+def _dict(figures: Score | None) -> dict[str, Any] | None:
+    return None if figures is None else figures.as_dict()
+
+
+def _transforms(side: Side, align: Align) -> dict[str, Any] | None:
+    """The transform that was used, by robot where each has its own."""
+    if align == "se2-per-robot":
+        return {name: asdict(transform) for name, transform in side.transforms.items()}
+    shared = next(iter(side.transforms.values()), None)
+    return None if shared is None else asdict(shared)
+
+
+def _association(options: EvaluateOptions) -> dict[str, Any]:
+    if options.associate == "nearest":
+        return {"method": "nearest", "max_diff": options.max_diff}
+    return {"method": "interpolate", "max_gap": options.max_gap}

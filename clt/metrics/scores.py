@@ -1,0 +1,135 @@
+"""The figures of one trajectory, and of several pooled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from clt.metrics.associate import Matched
+from clt.metrics.consistency import inside_three_sigma, interval, nees
+from clt.metrics.errors import (
+    Delta,
+    Statistics,
+    heading_errors,
+    position_errors,
+    relative_errors,
+    statistics,
+)
+from clt.streams import Floats
+
+
+@dataclass(frozen=True)
+class Rpe:
+    """Errors of the motion over `delta`."""
+
+    delta: Delta
+    pairs: int
+    translation: Statistics
+    """m."""
+    heading: Statistics
+    """rad."""
+
+
+@dataclass(frozen=True)
+class Anees:
+    """Average NEES over (x, y, heading): 3 for a consistent estimate."""
+
+    value: float
+    interval: tuple[float, float]
+    """Where a consistent estimate's lies with probability 0.95."""
+    samples: float
+    """Independent values that the average is worth."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """How good one trajectory is, or several pooled. None: cannot be told."""
+
+    ape: Statistics
+    """m; in a body frame the error of the relative position."""
+    heading: Statistics | None
+    """rad."""
+    rpe: Rpe | None
+    anees: Anees | None
+    inside: dict[str, float] | None
+    """Share of errors inside 3 sigma for x, y, heading."""
+    singular: int
+    """Poses whose covariance is singular: no NEES."""
+    matched: int
+    share: float
+    """Of the truth poses that found an estimate."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """As the JSON of `clt evaluate` spells it."""
+        anees, rpe = self.anees, self.rpe
+        return {
+            "ape": asdict(self.ape),
+            "heading": None if self.heading is None else asdict(self.heading),
+            "rpe": None
+            if rpe is None
+            else {
+                **asdict(rpe.translation),
+                "heading": asdict(rpe.heading),
+                "delta": rpe.delta.value,
+                "unit": rpe.delta.unit,
+                "pairs": rpe.pairs,
+            },
+            "anees": None if anees is None else anees.value,
+            "anees_interval": None if anees is None else list(anees.interval),
+            "anees_samples": None if anees is None else anees.samples,
+            "inside_3_sigma": self.inside,
+            "singular": self.singular,
+            "matched": self.matched,
+            "share": self.share,
+        }
+
+
+def score(tracks: Sequence[Matched], delta: Delta) -> Score | None:
+    """Figures of matched trajectories, pooled over all their poses. None without any pair."""
+    ape = statistics(_joined([position_errors(m) for m in tracks]))
+    if ape is None:
+        return None
+    ellipses = [value for value in map(nees, tracks) if value is not None]
+    values = _joined([e.values for e in ellipses])
+    anees = None
+    if len(values) > 0:
+        samples = sum(e.samples for e in ellipses if len(e.values) > 0)
+        anees = Anees(float(np.mean(values)), interval(samples), samples)
+    total = sum(m.total for m in tracks)
+    return Score(
+        ape=ape,
+        heading=statistics(_joined([heading_errors(m) for m in tracks])),
+        rpe=_rpe(tracks, delta),
+        anees=anees,
+        inside=_inside(tracks),
+        singular=sum(e.singular for e in ellipses),
+        matched=sum(len(m.stamp) for m in tracks),
+        share=sum(m.paired for m in tracks) / total,
+    )
+
+
+def _joined(parts: Sequence[Floats]) -> Floats:
+    return np.concatenate(parts) if len(parts) > 0 else np.empty(0)
+
+
+def _rpe(tracks: Sequence[Matched], delta: Delta) -> Rpe | None:
+    parts = [relative_errors(m, delta) for m in tracks]
+    translation = _joined([part[0] for part in parts])
+    length, turn = statistics(translation), statistics(_joined([part[1] for part in parts]))
+    if length is None or turn is None:
+        return None
+    return Rpe(delta, int(np.sum(np.isfinite(translation))), length, turn)
+
+
+def _inside(tracks: Sequence[Matched]) -> dict[str, float] | None:
+    rows = [inside for inside in map(inside_three_sigma, tracks) if inside is not None]
+    if len(rows) == 0:
+        return None
+    table = np.concatenate(rows)
+    columns = zip(("x", "y", "heading"), table.T, strict=True)
+    return {
+        name: float(np.nanmean(column)) for name, column in columns if np.any(np.isfinite(column))
+    }

@@ -1,0 +1,131 @@
+"""What is compared with what: clean trajectories, brought into a body frame where need be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clt.errors import CltError
+from clt.geometry import relative_pose
+from clt.metrics.associate import as_array, interpolate
+from clt.streams import Poses, Team
+
+BODY = "/base_link"
+
+
+@dataclass(frozen=True)
+class Warned:
+    """Something a user must know about an evaluation."""
+
+    text: str
+    partial: bool = False
+    """Data was unusable, or an estimate is missing or wrong: the command ends with code 3."""
+
+
+def ego_of(frame: str, names: tuple[str, ...]) -> str | None:
+    """The robot in whose body frame an estimate stands; None for a fixed frame."""
+    name = frame.lstrip("/").removesuffix(BODY)
+    return name if frame.endswith(BODY) and name in names else None
+
+
+def select(poses: Poses, keep: NDArray[np.bool_]) -> Poses:
+    """The poses of a trajectory where `keep` (n,) holds."""
+    return replace(
+        poses,
+        stamp=poses.stamp[keep],
+        log_time=poses.log_time[keep],
+        x=poses.x[keep],
+        y=poses.y[keep],
+        heading=poses.heading[keep],
+        covariance=None if poses.covariance is None else poses.covariance[keep],
+    )
+
+
+def clean(
+    tracks: Mapping[str, Poses], what: str, headless: bool = False
+) -> tuple[dict[str, Poses], list[Warned]]:
+    """Leave out poses with a NaN or infinite number, counted in warnings.
+
+    A track without any heading keeps its positions; so does, with `headless`, every pose whose
+    heading alone is missing. A covariance that is not finite throughout is dropped.
+    """
+    kept: dict[str, Poses] = {}
+    warnings: list[Warned] = []
+    for name, poses in tracks.items():
+        good = np.isfinite(poses.x) & np.isfinite(poses.y)
+        if not headless and not np.all(np.isnan(poses.heading)):
+            good &= np.isfinite(poses.heading)
+        bad = int(np.sum(~good))
+        if bad > 0:
+            text = f"{name}: {bad} of {len(good)} poses of the {what} are not finite, left out"
+            warnings.append(Warned(text, partial=True))
+        track = select(poses, good)
+        if track.covariance is not None and not np.all(np.isfinite(track.covariance)):
+            warnings.append(Warned(f"{name}: the covariance of the {what} is not finite, not used"))
+            track = replace(track, covariance=None)
+        if len(track.stamp) > 0:
+            kept[name] = track
+    return kept, warnings
+
+
+def relative(ego: Poses, other: Poses, frame: str, max_gap: float) -> Poses:
+    """inv(X_i) X_j at the stamps of `other`, with the ego's pose interpolated (`max_gap`, s)."""
+    found, X_i, _ = interpolate(ego, other.stamp, max_gap)
+    keep = np.zeros(len(other.stamp), bool)
+    keep[found] = True
+    X_j = select(replace(other, covariance=None), keep)
+    x, y, heading = relative_pose(X_i, as_array(X_j)).T
+    return replace(X_j, frame=frame, x=x, y=y, heading=heading)
+
+
+def in_frame(
+    tracks: Mapping[str, Poses], targets: Mapping[str, Poses], names: tuple[str, ...], gap: float
+) -> dict[str, Poses]:
+    """The tracks of the robots in `targets`, each brought into its target's body frame.
+
+    Targets in a fixed frame, and tracks that stand in the target's frame already, are passed on.
+    A robot whose own or whose ego's track is missing is left out.
+    """
+    found: dict[str, Poses] = {}
+    for name, target in targets.items():
+        ego = ego_of(target.frame, names)
+        track = tracks.get(name)
+        if track is None:
+            continue
+        if ego is None or track.frame == target.frame:
+            found[name] = track
+        elif ego in tracks:
+            moved = relative(tracks[ego], track, target.frame, gap)
+            if len(moved.stamp) > 0:
+                found[name] = moved
+    return found
+
+
+def frame_of(tracks: Mapping[str, Poses]) -> str:
+    """The frame id that tracks share, or all of them with commas."""
+    return ", ".join(dict.fromkeys(track.frame.lstrip("/") for track in tracks.values()))
+
+
+def check_frames(team: Team, truth: Mapping[str, Poses], estimates: Mapping[str, Poses]) -> bool:
+    """Whether the estimates are relative. Raises CltError where they cannot be scored together."""
+    egos = {ego_of(track.frame, team.names) for track in estimates.values()}
+    fixed = {track.frame.lstrip("/") for track in estimates.values()}
+    if egos == {None}:
+        if len(fixed) > 1:
+            raise CltError(f"estimates stand in several frames ({frame_of(estimates)})")
+        return False
+    if None in egos:
+        raise CltError(
+            f"estimates stand in fixed and in body frames ({frame_of(estimates)}); "
+            "localize again with one --frame"
+        )
+    for ego in sorted(ego for ego in egos if ego is not None):
+        if ego not in truth or not np.any(np.isfinite(truth[ego].heading)):
+            raise CltError(
+                f"estimates relative to {ego} need its true poses with heading, "
+                f"and /{ego}/ground_truth has none"
+            )
+    return True
