@@ -15,6 +15,7 @@ import typer
 
 from clt import __version__
 from clt.cli.console import FAILED, INTERRUPTED
+from clt.cli.import_log import import_log
 from clt.errors import CltError
 
 app = typer.Typer(
@@ -66,6 +67,9 @@ def root(
     ] = False,
 ) -> None:
     """Where is every robot of a team, from ranges and wheel odometry alone."""
+
+
+app.command("import")(guard(import_log))
 
 
 def main() -> None:

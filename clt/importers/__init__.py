@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from clt.importers.thu import read_thu
+from clt.importers import thu
 from clt.streams import Recording
 
 
@@ -15,13 +15,16 @@ class Format(NamedTuple):
 
     about: str
     """One line for `clt import --list`."""
+    files: Callable[[Path], tuple[Path, ...]]
+    """What the path given on the command line stands for."""
     read: Callable[[Path], Recording]
 
 
 FORMATS = {
     "thu": Format(
         "Tsinghua range_only_CL, run of 2019-04-18: the folder with data190313.mat and Data1.txt",
-        read_thu,
+        thu.files,
+        thu.read_thu,
     ),
 }
 """By the name that `clt import` takes."""

@@ -30,13 +30,19 @@ SURVEY = "Data1.txt"
 NODE = re.compile(r"ID(\d+)\s*\n\s*([-+.\d]+)\s*,\s*([-+.\d]+)\s*\n")
 
 
+def files(path: Path) -> tuple[Path, Path]:
+    """The .mat file and the survey for the data set's folder or its .mat file."""
+    mat = path / MAT if path.is_dir() else path
+    return mat, mat.with_name(SURVEY)
+
+
 def read_thu(path: Path) -> Recording:
     """Read the folder of the data set, or its .mat file with `Data1.txt` beside it.
 
     Raises:
         LogError: naming the file and what is missing or wrong in it.
     """
-    mat = path / MAT if path.is_dir() else path
+    mat, survey = files(path)
     ranges, robots = _read_mat(mat)
     moving = {_integers(robot, "id", 1, f"{mat}: robot")[0]: robot for robot in robots}
     pairs = [_integers(entry, "pair", 2, f"{mat}: range_m") for entry in ranges]
@@ -45,7 +51,7 @@ def read_thu(path: Path) -> Recording:
     if any(a == b for a, b in pairs):
         raise LogError(f"{mat}: a `range_m` measures from a node to itself")
     static = sorted({node for pair in pairs for node in pair} - set(moving))
-    team = _team(sorted(moving), static, mat.with_name(SURVEY))
+    team = _team(sorted(moving), static, survey)
     names = {robot.id: robot.name for robot in team.robots}
     return Recording(
         team=team,
