@@ -22,7 +22,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from clt import __version__
 from clt.errors import LogError
-from clt.log.chunks import Channel, Plan
+from clt.log.plan import Channel, Plan
 from clt.log.schemas import ros2msg
 from clt.streams import Attachment
 

@@ -112,6 +112,7 @@ class Plan:
         low, high = self.cuts[first], self.cuts[last]
         base = self.start[low]
         buffer = np.empty(int(self.start[high] - base), np.uint8)
+        view = buffer.data
         for number, channel in enumerate(channels):
             a, b = np.searchsorted(self.rank[number], [low, high])
             if a == b:
@@ -122,10 +123,10 @@ class Plan:
             payloads = channel.encode(part)
             if isinstance(payloads, list):
                 for place, payload in zip((at + HEAD.itemsize).tolist(), payloads, strict=True):
-                    buffer[place : place + len(payload)] = np.frombuffer(payload, np.uint8)
+                    view[place : place + len(payload)] = payload
             else:
                 _scatter(buffer, at + HEAD.itemsize, payloads)
-        return buffer.data
+        return view
 
 
 def _cuts(start: Indices) -> Indices:
