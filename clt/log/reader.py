@@ -1,0 +1,177 @@
+"""A log as topics and columns: one scan, then each wanted topic's fields in bulk."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from clt.errors import LogError
+from clt.log import ordinary, template
+from clt.log.faults import Faults
+from clt.log.gathered import Gathered
+from clt.log.msgdef import DefinitionError, Struct, parse, short
+from clt.log.records import Header, Metadata
+from clt.log.scan import Channel, Scan
+from clt.log.table import Messages
+from clt.streams import Attachment
+
+STDIN = Path("-")
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a log, over all its channels."""
+
+    name: str
+    channels: tuple[Channel, ...]
+    count: int
+    """Messages, wanted or not."""
+
+    @property
+    def type(self) -> str:
+        """`package/Type`; empty where the log does not tell."""
+        schema = self.channels[0].schema
+        return "" if schema is None else short(schema.name)
+
+    @property
+    def readable(self) -> bool:
+        """CDR messages with a `ros2msg` definition."""
+        return all(
+            channel.encoding == "cdr"
+            and channel.schema is not None
+            and channel.schema.encoding == "ros2msg"
+            for channel in self.channels
+        )
+
+
+@dataclass(frozen=True)
+class Log:
+    """What a scan left in memory: everything but the messages of topics nobody wanted."""
+
+    name: str
+    header: Header
+    topics: Mapping[str, Topic]
+    metadata: Sequence[Metadata]
+    attachments: tuple[Attachment, ...]
+    faults: Faults
+    sha256: str
+    gathered: Gathered
+
+    def messages(self, topic: str) -> Messages:
+        """The messages of a wanted topic, in file order."""
+        return self.gathered.of([channel.number for channel in self.topics[topic].channels])
+
+    def struct(self, topic: str) -> Struct:
+        """The type of a topic's messages. Raises LogError where the log gives none that works."""
+        channel = self.topics[topic].channels[0]
+        schema = channel.schema
+        if not self.topics[topic].readable or schema is None:
+            told = "none" if schema is None else schema.encoding
+            raise LogError(
+                f"{self.name}: {topic}: {channel.encoding or 'unknown'} messages (profile "
+                f"`{self.header.profile}`, schema {told}); clt reads ROS 2 CDR with ros2msg schemas"
+            )
+        try:
+            return parse(schema.name, schema.data.decode("utf-8"))
+        except (DefinitionError, UnicodeDecodeError) as error:
+            raise LogError(f"{self.name}: {topic}: definition of {schema.name}: {error}") from None
+
+    def decode(self, topic: str, paths: Sequence[str]) -> tuple[Messages, template.Decoded]:
+        """A wanted topic's messages and the named fields of each.
+
+        Raises LogError for a definition that makes no sense, PathError for an unknown field.
+        """
+        struct, messages = self.struct(topic), self.messages(topic)
+        schema = self.topics[topic].channels[0].schema
+        text = "" if schema is None else schema.data.decode("utf-8")
+        slow = partial(ordinary.decode, struct=struct, text=text, paths=paths)
+        return messages, template.decode(messages, struct, paths, slow)
+
+
+def read(path: Path, want: Callable[[str, str], bool]) -> Log:
+    """Read a log; `-` is standard input. `want` tells by topic and type what to keep.
+
+    Raises LogError naming the file: missing, a directory, empty, not MCAP, without messages.
+    """
+    if path == STDIN:
+        return _read(Scan(sys.stdin.buffer, "standard input"), want)
+    try:
+        with path.open("rb", buffering=0) as file:
+            return _read(Scan(file, str(path)), want)
+    except OSError as error:
+        raise LogError(f"{path}: {error.strerror or error}") from None
+
+
+def _read(scan: Scan, want: Callable[[str, str], bool]) -> Log:
+    header = Header("", "")
+    channels: list[Channel] = []
+    metadata: list[Metadata] = []
+    attachments: list[Attachment] = []
+    gathered = Gathered()
+    for event in scan:
+        match event:
+            case Channel():
+                channels.append(event)
+                name = "" if event.schema is None else short(event.schema.name)
+                gathered.add_channel(keep=want(event.topic, name))
+            case Messages():
+                gathered.add(event)
+            case Metadata():
+                metadata.append(event)
+            case Attachment():
+                attachments.append(event)
+            case Header():
+                header = event if header == Header("", "") else header
+    topics = _topics(channels, gathered)
+    faults = scan.faults
+    if sum(topic.count for topic in topics.values()) == 0:
+        raise LogError(_nothing(scan))
+    return Log(
+        scan.name,
+        header,
+        topics,
+        metadata,
+        tuple(attachments),
+        faults,
+        scan.sha256(),
+        gathered.packed(),
+    )
+
+
+def _topics(channels: Sequence[Channel], gathered: Gathered) -> dict[str, Topic]:
+    """Topics by name; a topic may have several channels, as in joined files."""
+    topics: dict[str, Topic] = {}
+    for channel in channels:
+        count = gathered.counts[channel.number]
+        topic = topics.get(channel.topic)
+        if topic is None:
+            topics[channel.topic] = Topic(channel.topic, (channel,), count)
+        else:
+            topics[channel.topic] = replace(
+                topic, channels=(*topic.channels, channel), count=topic.count + count
+            )
+    return topics
+
+
+def _nothing(scan: Scan) -> str:
+    faults = scan.faults.all()
+    why = "" if len(faults) == 0 else f" ({faults[0].text.removeprefix(scan.name + ': ')})"
+    return f"{scan.name}: the log has no messages{why}"
+
+
+def order(log: Log) -> list[str]:
+    """Topic names, sorted as people count: R2 before R10."""
+    return sorted(log.topics, key=natural)
+
+
+def natural(text: str) -> list[tuple[int, str]]:
+    """Sort key that takes runs of digits as numbers."""
+    import re
+
+    parts = re.split(r"(\d+)", text)
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]

@@ -1,0 +1,148 @@
+"""One pass over an MCAP stream: every undamaged record, and what was wrong with the rest.
+
+Reads in order and never seeks, so a pipe does. Several files joined to one are read as one log.
+Messages whose channel record was lost with a damaged chunk wait, within a limit, for the copy
+of the record in the summary.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import BinaryIO, TypeVar
+
+import numpy as np
+
+from clt.errors import LogError
+from clt.log.chunk import LIMIT
+from clt.log.faults import Faults
+from clt.log.frames import Frames
+from clt.log.magic import explain
+from clt.log.records import MAGIC, ChannelRecord, Header, Metadata, Schema
+from clt.log.source import Source
+from clt.log.table import Messages
+from clt.streams import Attachment, Indices
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A channel of the log, whichever of several joined files it stands in."""
+
+    number: int
+    """Counts the channels of the log from 0; what `Messages.channel` holds after the scan."""
+    topic: str
+    encoding: str
+    schema: Schema | None
+    metadata: Mapping[str, str]
+
+
+Named = TypeVar("Named", Schema, ChannelRecord)
+Event = Header | Channel | Metadata | Attachment | Messages
+
+
+@dataclass
+class Names:
+    """The schemas and channels of one file, whose ids mean nothing outside it."""
+
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, ChannelRecord] = field(default_factory=dict)
+    number: Indices = field(default_factory=lambda: np.full(1 << 16, -1, np.int64))
+    """Number of each channel id that was given out, else -1."""
+    waiting: list[Messages] = field(default_factory=list)
+    """Messages on channels not seen yet."""
+
+
+class Scan:
+    """Iterate it once; after that `faults` and `sha256()` are complete.
+
+    Raises LogError where the stream is no MCAP file at all, or cannot be read.
+    """
+
+    def __init__(self, stream: BinaryIO, name: str) -> None:
+        self.name = name
+        self.faults = Faults(name)
+        self._source = Source(stream, name)
+        self._channels = 0
+        self._waiting_bytes = 0
+
+    def sha256(self) -> str:
+        """SHA-256 of the whole input."""
+        return self._source.sha256()
+
+    def __iter__(self) -> Iterator[Event]:
+        source = self._source
+        start = source.peek(16)
+        if not start.startswith(MAGIC):
+            raise LogError(f"{self.name}: {explain(start)}")
+        complete = False
+        while source.peek(len(MAGIC)) == MAGIC:
+            source.skip(len(MAGIC))
+            frames = Frames(source, self.faults)
+            yield from self._file(frames)
+            complete = frames.complete
+        if complete and len(source.peek(1)) > 0:
+            text = "what follows the end of the log was ignored"
+            self.faults.add("trailing", f"byte {source.position}", text)
+
+    def _file(self, frames: Frames) -> Iterator[Event]:
+        """One of the joined files; mostly there is one."""
+        names = Names()
+        for frame in frames:
+            match frame:
+                case Schema():
+                    self._define(names.schemas, frame)
+                case ChannelRecord():
+                    self._define(names.channels, frame)
+                    yield from self._number(names)
+                case Messages():
+                    yield from self._name(names, frame)
+                case _:
+                    yield frame
+        yield from self._number(names, last=True)
+        for messages in names.waiting:
+            yield from self._name(names, messages, last=True)
+
+    def _define(self, known: dict[int, Named], new: Named) -> None:
+        """Keep the first record of an id; a different one later is a fault."""
+        if known.setdefault(new.id, new) != new:
+            what = "schema" if isinstance(new, Schema) else "channel"
+            text = f"{what} {new.id} is defined twice and differently; the first one holds"
+            self.faults.add("redefined", f"byte {self._source.position}", text, lost=True)
+
+    def _number(self, names: Names, last: bool = False) -> Iterator[Event]:
+        """Channels whose schema is known by now, or at the end those whose never came."""
+        for record in names.channels.values():
+            if names.number[record.id] >= 0:
+                continue
+            schema = names.schemas.get(record.schema_id)
+            if schema is None and record.schema_id != 0 and not last:
+                continue
+            names.number[record.id] = self._channels
+            self._channels += 1
+            yield Channel(
+                int(names.number[record.id]),
+                record.topic,
+                record.encoding,
+                schema,
+                record.metadata,
+            )
+
+    def _name(self, names: Names, messages: Messages, last: bool = False) -> Iterator[Event]:
+        """Messages under the numbers of their channels; set aside those of unknown ones."""
+        number = names.number[messages.channel]
+        known = number >= 0
+        if not known.all():
+            self._set_aside(names, messages.select(~known), last)
+            messages, number = messages.select(known), number[known]
+        if len(number) > 0:
+            yield replace(messages, channel=number)
+
+    def _set_aside(self, names: Names, messages: Messages, last: bool) -> None:
+        self._waiting_bytes += len(messages.data)
+        if not last and self._waiting_bytes <= LIMIT:
+            names.waiting.append(messages)
+            return
+        count = len(messages.channel)
+        ids = ", ".join(str(number) for number in np.unique(messages.channel)[:5])
+        text = f"{count} messages stand on channels that are nowhere defined; skipped"
+        self.faults.add("channel", f"channel {ids}", text, count=count, lost=True)
