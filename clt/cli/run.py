@@ -6,10 +6,14 @@ import hashlib
 import json
 import shlex
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from clt import __version__
+
+OUTPUT = ("-o", "--output")
+MANNERS = ("--force", "-q", "--quiet", "-v", "--verbose", "--json")
+"""Flags that change what is said, not what is written."""
 
 
 def run_record(inputs: Mapping[str, str], **documents: object) -> dict[str, str]:
@@ -18,13 +22,23 @@ def run_record(inputs: Mapping[str, str], **documents: object) -> dict[str, str]
     A document that is not a string already is written as JSON; NaN and infinity are refused.
     """
     record = {
-        "command": shlex.join(["clt", *sys.argv[1:]]),
+        "command": shlex.join(["clt", *essence(sys.argv[1:])]),
         "version": __version__,
         "inputs": json.dumps(dict(inputs)),
     }
     for name, value in documents.items():
         record[name] = value if isinstance(value, str) else json.dumps(value, allow_nan=False)
     return record
+
+
+def essence(words: Sequence[str]) -> list[str]:
+    """A command line without its output and manners: the same work leaves the same bytes."""
+    kept: list[str] = []
+    for before, word in zip(["", *words], words, strict=False):
+        attached = word.startswith("--output=") or (word.startswith("-o") and word != "-o")
+        if not (before in OUTPUT or word in OUTPUT or word in MANNERS or attached):
+            kept.append(word)
+    return kept
 
 
 def digests(paths: Iterable[Path]) -> dict[str, str]:
