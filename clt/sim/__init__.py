@@ -1,0 +1,1 @@
+"""Scenarios, trajectories, sensors: a scenario in, a recording out."""

@@ -1,0 +1,98 @@
+"""The path of every moving robot of a scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from clt.sim.rng import Purpose, stream
+from clt.sim.scenario import Scenario
+from clt.sim.settings import Circle, Pose, Segments, Stand, Wander
+from clt.sim.team import Member
+from clt.sim.trajectory import Floats, Path, drive, refined
+from clt.sim.trig import cos_sin
+from clt.sim.wander import wander
+
+Kind = Wander | Segments | Circle | Stand
+
+
+def paths(scenario: Scenario, team: Sequence[Member]) -> dict[str, Path]:
+    """Paths over the scenario's duration by robot name; static robots have none."""
+    moving = [member for member in team if not member.robot.static]
+    groups: dict[Kind, list[Member]] = {}
+    for member in moving:
+        own = member.table.trajectory
+        groups.setdefault(scenario.trajectory if own is None else own, []).append(member)
+    found: dict[str, Path] = {}
+    for kind, group in groups.items():
+        if isinstance(kind, Wander):
+            driven = _wandering(scenario, kind, group)
+        else:
+            driven = [_steered(scenario, kind, member, len(moving)) for member in group]
+        found |= {member.robot.name: path for member, path in zip(group, driven, strict=True)}
+    return found
+
+
+def _wandering(scenario: Scenario, kind: Wander, group: Sequence[Member]) -> list[Path]:
+    """Random drives, one random stream per robot."""
+    starts = [_start(scenario, member) for member in group]
+    draws = [stream(scenario.seed, Purpose.WANDER, member.order) for member in group]
+    return wander(kind, scenario.team.area, scenario.duration, starts, draws)
+
+
+def _steered(scenario: Scenario, kind: Segments | Circle | Stand, member: Member, n: int) -> Path:
+    """A prescribed drive of one of n moving robots."""
+    start = _start(scenario, member)
+    end = scenario.duration
+    if isinstance(kind, Circle):
+        omega = kind.speed / kind.radius * (1.0 if kind.turn == "left" else -1.0)
+        if member.table.start is None:
+            start = _on_circle(scenario, kind, 2.0 * np.pi * member.order / n)
+        knots = (np.array([0.0, end]), np.full(2, kind.speed), np.full(2, omega))
+    elif isinstance(kind, Segments):
+        knots = _segments(kind, end)
+    else:
+        knots = (np.array([0.0, end]), np.zeros(2), np.zeros(2))
+    return drive(*refined(*knots), start)
+
+
+def _segments(kind: Segments, end: float) -> tuple[Floats, Floats, Floats]:
+    """Knots of ramps and constant twists until `end`."""
+    t, v, omega = [0.0], [0.0], [0.0]
+    begin, index = 0.0, 0
+    while begin < end and (kind.repeat or index < len(kind.segments)):
+        segment = kind.segments[index % len(kind.segments)]
+        t += [begin + kind.ramp, begin + segment.duration]
+        v += [segment.v, segment.v]
+        omega += [segment.omega, segment.omega]
+        begin, index = begin + segment.duration, index + 1
+    if begin < end:
+        t, v, omega = [*t, end], [*v, v[-1]], [*omega, omega[-1]]
+    _, keep = np.unique(t, return_index=True)
+    return np.array(t)[keep], np.array(v)[keep], np.array(omega)[keep]
+
+
+def _on_circle(scenario: Scenario, kind: Circle, phase: float) -> Pose:
+    """A start on the circle around the middle of the area, along its tangent."""
+    area = scenario.team.area
+    cos, sin = (float(value) for value in cos_sin(np.array(phase)))
+    side = 1.0 if kind.turn == "left" else -1.0
+    return (
+        (area[0] + area[2]) / 2.0 + kind.radius * cos,
+        (area[1] + area[3]) / 2.0 + kind.radius * sin,
+        phase + side * np.pi / 2.0,
+    )
+
+
+def _start(scenario: Scenario, member: Member) -> Pose:
+    """The robot's own start, else one at random in the inner four fifths of the area."""
+    if member.table.start is not None:
+        return member.table.start
+    area = scenario.team.area
+    x, y, turn = stream(scenario.seed, Purpose.START, member.order).random(3)
+    return (
+        area[0] + (0.1 + 0.8 * x) * (area[2] - area[0]),
+        area[1] + (0.1 + 0.8 * y) * (area[3] - area[1]),
+        (2.0 * turn - 1.0) * np.pi,
+    )

@@ -1,0 +1,90 @@
+"""UWB ranges between the robots of a team: who measures whom, distances, outliers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+
+from clt.errors import UsageError
+from clt.settings import nearest
+from clt.sim.sensors import SECOND
+from clt.sim.settings import Outliers, RangeSensor
+from clt.sim.trajectory import State
+from clt.sim.trig import cos_sin
+from clt.streams import Floats, Stamps, Team
+
+Pair = tuple[int, int]
+
+
+def pairs(sensor: RangeSensor, team: Team) -> list[Pair]:
+    """Indices of (measuring end, other end), in the order of their messages.
+
+    Raises UsageError for a list that names a robot which the team has not, or twice.
+    """
+    if not isinstance(sensor.pairs, str):
+        return _listed(sensor.pairs, team)
+    moving = [not robot.static for robot in team.robots]
+    wanted = {"all": (0, 1, 2), "moving-static": (1,), "moving-moving": (2,)}[sensor.pairs]
+    chosen = [
+        (a, b)
+        for a, b in combinations(range(len(moving)), 2)
+        if int(moving[a]) + int(moving[b]) in wanted
+    ]
+    return chosen if sensor.measured_by == "lower" else [(b, a) for a, b in chosen]
+
+
+def antenna(state: State, lever: tuple[float, float]) -> tuple[Floats, Floats]:
+    """Position (m) of an antenna that sits at `lever` in the body frame, shape (n,) each."""
+    if lever == (0.0, 0.0):
+        return state.x, state.y
+    cos, sin = cos_sin(state.heading)
+    return (
+        state.x + cos * lever[0] - sin * lever[1],
+        state.y + sin * lever[0] + cos * lever[1],
+    )
+
+
+def distance(a: tuple[Floats, Floats], b: tuple[Floats, Floats]) -> Floats:
+    """Distance (m) between points given as coordinate arrays."""
+    dx, dy = a[0] - b[0], a[1] - b[1]
+    return np.asarray(np.sqrt(dx * dx + dy * dy))
+
+
+def excess(outliers: Outliers, stamps: Stamps, draw: np.random.Generator) -> Floats:
+    """What outliers add to one pair's ranges at stamps (ns since the start), m, shape (n,)."""
+    if outliers.share == 0.0 or len(stamps) == 0:
+        return np.zeros(len(stamps))
+    if outliers.burst == 0.0:
+        chance, height = draw.random(len(stamps)), draw.exponential(1.0, len(stamps))
+        return np.where(chance < outliers.share, outliers.mean * height, 0.0)
+    return _bursts(outliers, stamps / SECOND, draw)
+
+
+def _bursts(outliers: Outliers, t: Floats, draw: np.random.Generator) -> Floats:
+    """Bursts and gaps of exponential length in turn, one excess throughout each burst."""
+    gap = outliers.burst * (1.0 - outliers.share) / outliers.share
+    cycles = 30 + int(2.0 * t[-1] / (outliers.burst + gap))
+    starts_in_burst = draw.random() < outliers.share
+    unit = draw.exponential(1.0, (cycles, 3))
+    ends = np.cumsum((unit[:, :2] * [outliers.burst, gap]).ravel())
+    skipped = 0.0 if starts_in_burst else ends[0]
+    phase = np.searchsorted(ends, t + skipped, side="right")
+    height = np.stack([outliers.mean * unit[:, 2], np.zeros(cycles)], axis=1).ravel()
+    return height[np.minimum(phase, 2 * cycles - 1)]
+
+
+def _listed(names: Sequence[tuple[str, str]], team: Team) -> list[Pair]:
+    """The pairs of a list."""
+    for pair in names:
+        for name in pair:
+            if name not in team.names:
+                hint = nearest(name, team.names)
+                raise UsageError(f"sensors.range.pairs: no robot {name} in the team{hint}")
+        if pair[0] == pair[1]:
+            raise UsageError(f"sensors.range.pairs: {pair[0]} cannot measure itself")
+    chosen = [(team.index(a), team.index(b)) for a, b in names]
+    if len(set(chosen)) < len(chosen):
+        raise UsageError("sensors.range.pairs: a pair is listed twice")
+    return chosen

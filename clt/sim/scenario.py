@@ -1,0 +1,83 @@
+"""A scenario: what a simulation does, as a typed TOML document."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import tomli_w
+from pydantic import Field, model_validator
+
+from clt.errors import UsageError
+from clt.settings import Settings, assign, nearest, parse, read_toml
+from clt.sim.settings import (
+    Network,
+    Outliers,
+    RobotTable,
+    Sensors,
+    TeamTable,
+    Trajectory,
+    Wander,
+)
+
+BUILT_IN = resources.files("clt.scenarios")
+
+
+class Scenario(Settings):
+    """Everything that decides the content of a simulated log."""
+
+    name: str
+    description: str = ""
+    duration: Annotated[float, Field(gt=0.0, le=86400.0)]
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
+    team: TeamTable
+    robots: tuple[RobotTable, ...] = ()
+    trajectory: Trajectory = Wander()
+    sensors: Sensors = Sensors()
+    outliers: Outliers = Outliers()
+    network: Network = Network()
+
+    @model_validator(mode="after")
+    def names_are_unique(self) -> Self:
+        """No two robots share a name."""
+        names = [robot.name for robot in self.robots]
+        if len(set(names)) < len(names):
+            raise ValueError("two robots share a name")
+        return self
+
+
+def built_in() -> Iterator[str]:
+    """Names of the scenarios that come with clt, sorted."""
+    names = (entry.name for entry in BUILT_IN.iterdir())
+    return iter(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
+
+
+def load_scenario(source: str, overrides: Mapping[str, Any] | None = None) -> Scenario:
+    """A built-in scenario by name, or a TOML file by path; `overrides` are dotted keys.
+
+    Raises UsageError: no such scenario (the nearest is named), bad TOML, unknown or bad keys.
+    """
+    tree = read_toml(_locate(source))
+    for key, value in ({} if overrides is None else overrides).items():
+        assign(tree, key, value)
+    return parse(Scenario, tree, source)
+
+
+def effective_toml(scenario: Scenario) -> str:
+    """The complete scenario as TOML, every default written out; loading it gives an equal one."""
+    return tomli_w.dumps(scenario.model_dump(mode="json", exclude_none=True))
+
+
+def _locate(source: str) -> Path:
+    """The file of a scenario."""
+    names = list(built_in())
+    if source in names:
+        return Path(str(BUILT_IN / f"{source}.toml"))
+    path = Path(source)
+    if path.is_file():
+        return path
+    if path.suffix == ".toml" or len(path.parts) > 1:
+        raise UsageError(f"{source}: no such scenario file")
+    raise UsageError(f"{source}: no such scenario{nearest(source, names)}")
