@@ -1,0 +1,119 @@
+"""`clt evaluate`: an estimate against the truth, as tables or JSON."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from clt.cli.options import Json, Quiet, Verbose
+
+if TYPE_CHECKING:
+    from clt.cli.console import Console
+    from clt.metrics.evaluation import EvaluateOptions, Evaluation
+    from clt.streams import Recording
+
+Alignment = Annotated[
+    Literal["none", "first", "anchors", "se2", "se2-per-robot"] | None,
+    typer.Option(
+        help="Fit of the whole team to the truth; by default none where frames agree, else "
+        "anchors (two static robots with truth), else se2.",
+        show_default=False,
+    ),
+]
+Logs = Annotated[
+    list[Path], typer.Argument(help="MCAP logs; `-` is standard input.", metavar="LOG...")
+]
+Streams = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Topics of a log that clt did not write (TOML)."),
+]
+
+
+def evaluate(
+    logs: Logs,
+    align: Alignment = None,
+    associate: Annotated[
+        Literal["interpolate", "nearest"],
+        typer.Option(help="Interpolate the estimate at each truth stamp, or pair near stamps."),
+    ] = "interpolate",
+    max_gap: Annotated[
+        float, typer.Option(metavar="S", min=0.0, help="Never interpolate across a longer gap.")
+    ] = 0.5,
+    max_diff: Annotated[
+        float, typer.Option(metavar="S", min=0.0, help="Furthest stamps that `nearest` pairs.")
+    ] = 0.01,
+    delta: Annotated[
+        str, typer.Option(metavar="1s|1m", help="Time or way that the relative error spans.")
+    ] = "1s",
+    streams: Streams = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Score estimates against the truth, dead reckoning beside them.
+
+    Examples: clt evaluate out.mcap;  clt evaluate run*.mcap --align se2 --json
+    """
+    import json
+
+    from clt.cli.console import FAILED, Console
+    from clt.cli.scoreboard import show, summary, terminal
+    from clt.errors import CltError, UsageError
+    from clt.metrics.errors import parse_delta
+    from clt.metrics.evaluation import EvaluateOptions
+
+    options = EvaluateOptions(align, associate, max_gap, max_diff, parse_delta(delta))
+    if [str(log) for log in logs].count("-") > 1:
+        raise UsageError("standard input can be read only once: give `-` once")
+    console = Console(quiet, verbose)
+    out = terminal()
+    found: dict[str, Evaluation] = {}
+    objects: list[dict[str, object]] = []
+    failed = False
+    for log in logs:
+        try:
+            _, evaluation = score(log, streams, options, console)
+        except (CltError, OSError) as error:
+            if len(logs) == 1 or isinstance(error, UsageError):
+                raise
+            failed = True
+            text = error.strerror if isinstance(error, OSError) else None
+            text = named(log, text or str(error))
+            objects.append({"log": str(log), "error": text})
+            console.warn(text, partial=True)
+            continue
+        found[str(log)] = evaluation
+        objects.append(evaluation.as_dict(str(log)))
+        if not as_json:
+            show(out, str(log), evaluation)
+    if as_json:
+        print(json.dumps(objects[0] if len(logs) == 1 else objects, allow_nan=False, indent=1))
+    elif len(found) > 1:
+        summary(out, found)
+    return FAILED if failed else console.code
+
+
+def score(
+    log: Path, streams: Path | None, options: EvaluateOptions, console: Console
+) -> tuple[Recording, Evaluation]:
+    """Read and evaluate one log, and say what is wrong with it. Errors name the log."""
+    from clt.errors import CltError
+    from clt.log.load import load
+    from clt.metrics.evaluate import evaluate as compare
+
+    recording = load(log, streams).recording
+    console.report(recording.faults)
+    try:
+        evaluation = compare(recording, options)
+    except CltError as error:
+        raise type(error)(named(log, str(error))) from None
+    for warned in evaluation.warnings:
+        console.warn(named(log, warned.text), partial=warned.partial)
+    return recording, evaluation
+
+
+def named(log: Path, text: str) -> str:
+    """A line that begins with the log it is about."""
+    return text if text.startswith(str(log)) else f"{log}: {text}"

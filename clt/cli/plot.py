@@ -1,0 +1,58 @@
+"""`clt plot`: the picture of one result log."""
+
+from __future__ import annotations
+
+from clt.cli.evaluate import Alignment, Streams
+from clt.cli.options import Force, Json, Log, Output, Quiet, Verbose
+
+FORMS = (".png", ".svg", ".pdf", ".html")
+
+
+def plot(
+    log: Log,
+    output: Output,
+    align: Alignment = None,
+    streams: Streams = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Draw trajectories, errors with their 3-sigma bounds, and range innovations.
+
+    The output's suffix chooses the format: .png, .svg, .pdf or .html (one self-contained page).
+
+    Example: clt plot out.mcap -o out.png
+    """
+    import json
+
+    from clt.cli.console import Console
+    from clt.cli.evaluate import score
+    from clt.errors import UsageError
+    from clt.log.output import STDOUT, check
+    from clt.log.output import output as open_output
+    from clt.metrics.evaluation import EvaluateOptions
+
+    form = ".png" if output == STDOUT else output.suffix.lower()
+    if form not in FORMS:
+        raise UsageError(f"{output}: unknown kind of picture; use {', '.join(FORMS)}")
+    if as_json and output == STDOUT:
+        raise UsageError("--json and -o - both want standard output; name a file")
+    console = Console(quiet, verbose)
+    check(output, force, [log])
+    recording, evaluation = score(log, streams, EvaluateOptions(align), console)
+    with open_output(output, force, [log]) as file:
+        if form == ".html":
+            from clt.plots.page import page
+
+            file.write(page(str(log), recording, evaluation).encode())
+        else:
+            from clt.plots.figure import FORMS as KINDS
+            from clt.plots.figure import draw
+
+            draw(file, KINDS[form], recording, evaluation)
+    if output != STDOUT:
+        console.say(f"{output}: {log}, align {evaluation.align}")
+    if as_json:
+        print(json.dumps({"log": str(log), "output": str(output), "align": evaluation.align}))
+    return console.code

@@ -1,0 +1,1 @@
+"""Figures of a recording and its evaluation; files only, never a window."""

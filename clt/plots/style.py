@@ -1,0 +1,50 @@
+"""One look for every figure: colours that colour-blind readers can tell apart, quiet axes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from matplotlib.axes import Axes
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+"""Okabe and Ito's palette without black and yellow."""
+INK = "#222222"
+GREY = "#9a9a9a"
+FAINT = "#e4e4e4"
+ALARM = "#B00020"
+
+RC: dict[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.5,
+    "axes.titlesize": 10,
+    "axes.titlelocation": "left",
+    "axes.titlepad": 6,
+    "axes.labelsize": 9.5,
+    "axes.edgecolor": GREY,
+    "axes.labelcolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "lines.linewidth": 1.2,
+    "savefig.dpi": 150,
+    "svg.hashsalt": "clt",
+    "figure.facecolor": "white",
+}
+
+
+def colour(index: int) -> str:
+    """Of the robot with this place among the moving ones."""
+    return COLOURS[index % len(COLOURS)]
+
+
+def quiet(axes: Axes) -> None:
+    """A faint grid and short ticks."""
+    axes.grid(visible=True, color=FAINT, linewidth=0.7)
+    axes.tick_params(length=3, width=0.7)
