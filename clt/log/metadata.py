@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import sys
 from collections.abc import Mapping
 from typing import Any, Literal, cast
 
@@ -105,7 +106,7 @@ def _number(value: Any, place: str, positive: bool = False) -> float:
     if value is None:
         return math.nan
     fits = isinstance(value, int | float) and not isinstance(value, bool)
-    if not fits or not abs(value) < math.inf or (positive and value < 0.0):
+    if not fits or not abs(value) <= sys.float_info.max or (positive and value < 0.0):
         kind = "a number >= 0" if positive else "a finite number"
         raise LogError(f"{TEAM}: `{place}` is not {kind}")
     return float(value)
