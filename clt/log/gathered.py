@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -46,9 +47,10 @@ class Gathered:
         if len(self._pieces) > 1:
             self._pieces = [joined(self._pieces)]
         whole = self._pieces[0]
-        rows = np.argsort(whole.channel.astype(np.uint16), kind="stable")
+        narrow = np.uint16 if len(self.counts) <= 1 << 16 else np.int64  # sorted by radix
+        rows = np.argsort(whole.channel.astype(narrow), kind="stable")
         bounds = np.searchsorted(whole.channel[rows], np.arange(len(self.counts) + 1))
-        self._rows = [rows[a:b] for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+        self._rows = [rows[a:b] for a, b in itertools.pairwise(bounds)]
         return self
 
     def of(self, numbers: list[int]) -> Messages:

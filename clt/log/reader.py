@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from clt.errors import LogError
 from clt.log import ordinary, template
 from clt.log.faults import Faults
@@ -162,16 +160,3 @@ def _nothing(scan: Scan) -> str:
     faults = scan.faults.all()
     why = "" if len(faults) == 0 else f" ({faults[0].text.removeprefix(scan.name + ': ')})"
     return f"{scan.name}: the log has no messages{why}"
-
-
-def order(log: Log) -> list[str]:
-    """Topic names, sorted as people count: R2 before R10."""
-    return sorted(log.topics, key=natural)
-
-
-def natural(text: str) -> list[tuple[int, str]]:
-    """Sort key that takes runs of digits as numbers."""
-    import re
-
-    parts = re.split(r"(\d+)", text)
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]

@@ -156,10 +156,7 @@ def _join(leaf: Leaf, pieces: Sequence[Column], rows: Sequence[Indices], count: 
     if len(pieces) == 1 and len(rows[0]) == count:
         return pieces[0]
     shape = (count,) if leaf.size is None else (count, leaf.size)
-    if leaf.kind == "text":
-        kind = np.result_type("U1", *pieces)
-    else:
-        kind = np.dtype(leaf.kind)
+    kind = np.result_type("U1", *pieces) if leaf.kind == "text" else np.dtype(leaf.kind)
     whole: Column = np.zeros(shape, kind)
     for place, piece in zip(rows, pieces, strict=True):
         whole[place] = piece

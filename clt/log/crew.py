@@ -1,0 +1,96 @@
+"""Who is in a log: as it says itself, as a streams file says, or as its topics suggest."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from clt.errors import LogError
+from clt.log.metadata import TEAM, decode_team
+from clt.log.ranging import Measured
+from clt.log.reader import Log
+from clt.log.roles import Roles, natural, role_of
+from clt.log.streamsfile import StreamsFile
+from clt.streams import Robot, Team
+
+
+def told(log: Log) -> Team | None:
+    """The team of the log's `clt.team` record; None without one. Raises LogError if it is bad."""
+    records = [metadata.record for metadata in log.metadata if metadata.name == TEAM]
+    if len(records) == 0:
+        return None
+    if any(record != records[0] for record in records):
+        log.faults.add("team", TEAM, "the log names several teams; the first one holds", lost=True)
+    try:
+        return decode_team(records[0])
+    except LogError as error:
+        raise LogError(f"{log.name}: {error}") from None
+
+
+def given(streams: StreamsFile) -> Team:
+    """The team of a streams file; robots without an id take the smallest free ones."""
+    taken = {robot.id for robot in streams.robots.values()}
+    free = (number for number in range(1, 1 << 16) if number not in taken)
+    return Team(
+        tuple(
+            Robot(
+                name=name,
+                id=next(free) if robot.id is None else robot.id,
+                static=robot.static,
+                position=robot.position,
+                antenna=robot.antenna,
+                twist=robot.twist,
+                sigma_v=math.nan if robot.sigma_v is None else robot.sigma_v,
+                sigma_omega=math.nan if robot.sigma_omega is None else robot.sigma_omega,
+            )
+            for name, robot in streams.robots.items()
+        )
+    )
+
+
+def inferred(log: Log, measured: Sequence[tuple[str, Measured]]) -> Team:
+    """The team that topics named as clt's suggest: robots without odometry stand still.
+
+    Ids: what a robot's own ranges give as their source, else the number that its name ends with.
+    Targets that have no topics become static robots named after their id.
+    """
+    roles = [found for found in map(role_of, log.topics) if found is not None]
+    names = sorted({robot for robot, _ in roles if robot != ""}, key=natural)
+    moving = {robot for robot, role in roles if role == "odometry"}
+    ids: dict[str, int] = {}
+    seen: set[int] = set()
+    for robot, one in measured:
+        if isinstance(one.source, str) or isinstance(one.target, str):
+            continue
+        good = one.data.decoded.good
+        numbers, counts = np.unique(one.source[good], return_counts=True)
+        free = [int(n) for n in numbers[np.argsort(-counts)] if int(n) not in ids.values()]
+        if robot not in ids and len(free) > 0:
+            ids[robot] = free[0]
+        seen |= {int(number) for number in np.unique(one.target[good])}
+    for name in names:
+        digits = re.search(r"[0-9]+$", name)
+        number = -1 if digits is None else int(digits[0])
+        if name not in ids and 0 <= number < 1 << 16 and number not in ids.values():
+            ids[name] = number
+    spare = (number for number in range(1, 1 << 16) if number not in {*ids.values(), *seen})
+    robots = [
+        Robot(name, ids[name] if name in ids else next(spare), static=name not in moving)
+        for name in names
+    ]
+    strangers = sorted(seen - {robot.id for robot in robots})
+    robots += [Robot(f"node{number}", number, static=True) for number in strangers]
+    return Team(tuple(robots))
+
+
+def known_only(log: Log, roles: Roles, team: Team) -> Roles:
+    """The roles without the topics of robots that are not in the team, which are a fault."""
+    for what in (roles.odometry, roles.truth, roles.estimate, roles.dead_reckoning):
+        for robot in sorted(set(what) - set(team.names)):
+            text = f"`{robot}` is not in the team ({', '.join(team.names)}); not read"
+            log.faults.add("unknown", what.pop(robot).topic, text, lost=True)
+    return replace(roles)

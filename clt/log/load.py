@@ -1,0 +1,120 @@
+"""A log in memory: from a file or standard input to a `Recording`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from clt.errors import LogError, UsageError
+from clt.log import convert, crew, ranging
+from clt.log.metadata import RUN
+from clt.log.reader import Log, Topic, read
+from clt.log.roles import ALL, Roles, by_file, by_name, role_of
+from clt.log.streamsfile import StreamsFile, read_streams
+from clt.settings import nearest
+from clt.streams import Recording, no_ranges
+
+__all__ = ["ALL", "LoadedLog", "load"]
+
+
+@dataclass(frozen=True)
+class LoadedLog:
+    """A recording and the file it came from."""
+
+    recording: Recording
+    sha256: str
+    """Of the whole input."""
+    path: str
+    """As people know it: the path, or `standard input`."""
+    profile: str
+    library: str
+    """What wrote the log."""
+    topics: Mapping[str, Topic]
+    """Every topic of the log, whether it was read or not."""
+
+
+def load(path: Path, streams: Path | None = None, want: frozenset[str] = ALL) -> LoadedLog:
+    """Read what is wanted of a log; `-` is standard input.
+
+    `streams` maps the topics of other people's logs. `want` holds names of `clt.log.roles.Role`;
+    what a log lacks is simply absent. Faults of the data are counted in `Recording.faults`.
+    Raises LogError where the log as a whole cannot be used, UsageError for a wrong streams file.
+    """
+    mapped = None if streams is None else read_streams(streams)
+    log = read(path, lambda topic, _: _wanted(topic, mapped, want))
+    _check_readable(log)
+    roles = by_name(log.topics, want) if mapped is None else by_file(mapped, want)
+    if mapped is not None:
+        _check_topics(log, mapped, str(streams))
+    recording = _recording(log, roles, mapped)
+    return LoadedLog(
+        recording, log.sha256, log.name, log.header.profile, log.header.library, log.topics
+    )
+
+
+def _wanted(topic: str, mapped: StreamsFile | None, want: frozenset[str]) -> bool:
+    if mapped is not None:
+        return topic in mapped.topics
+    found = role_of(topic)
+    return found is not None and found[1] in want
+
+
+def _recording(log: Log, roles: Roles, mapped: StreamsFile | None) -> Recording:
+    measured = [(name, ranging.measure(log, stream)) for name, stream in roles.ranges]
+    if mapped is not None:
+        team = crew.given(mapped)
+    else:
+        team = crew.told(log) or crew.inferred(log, measured)
+        roles = crew.known_only(log, roles, team)
+        if len(team.robots) == 0:
+            text = f"no topic is named as clt names them; map them with --streams: {_list(log)}"
+            log.faults.add("unmapped", "topics", text)
+    ranges = ranging.join(log, [one for _, one in measured], team)
+    truth = {name: convert.poses(log, stream, False) for name, stream in roles.truth.items()}
+    estimate = {name: convert.poses(log, stream, True) for name, stream in roles.estimate.items()}
+    reckoned = {
+        name: convert.poses(log, stream, True) for name, stream in roles.dead_reckoning.items()
+    }
+    found = None
+    if roles.innovation is not None:
+        found = ranging.innovations(log, roles.innovation, team)
+    return Recording(
+        team=team,
+        odometry={name: convert.odometry(log, s) for name, s in roles.odometry.items()},
+        ranges=ranges if len(measured) > 0 else no_ranges(),
+        truth=truth,
+        estimate=estimate,
+        dead_reckoning=reckoned,
+        innovations=found,
+        run=next((dict(m.record) for m in log.metadata if m.name == RUN), {}),
+        attachments=log.attachments,
+        faults=log.faults.all(),
+    )
+
+
+def _check_readable(log: Log) -> None:
+    """Raise LogError for a log without any ROS 2 CDR message, naming what it has instead."""
+    topics = log.topics.values()
+    if any(topic.readable for topic in topics):
+        return
+    kinds = sorted({channel.encoding for topic in topics for channel in topic.channels})
+    schemas = {channel.schema for topic in topics for channel in topic.channels}
+    told = sorted({schema.encoding for schema in schemas if schema is not None})
+    raise LogError(
+        f"{log.name}: profile `{log.header.profile}` with {'/'.join(kinds) or 'unnamed'} messages "
+        f"({'/'.join(told) or 'no'} schemas); clt reads profile `ros2`: cdr with ros2msg schemas"
+    )
+
+
+def _check_topics(log: Log, mapped: StreamsFile, source: str) -> None:
+    """Raise UsageError for a topic that the log does not have."""
+    for topic in sorted(mapped.topics):
+        if topic not in log.topics:
+            hint = nearest(topic, log.topics)
+            raise UsageError(f"{source}: {log.name} has no topic `{topic}`{hint}")
+
+
+def _list(log: Log) -> str:
+    shown = [f"{topic.name} ({topic.type})" for topic in log.topics.values()]
+    return ", ".join(shown[:8]) + (f" and {len(shown) - 8} more" if len(shown) > 8 else "")

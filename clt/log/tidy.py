@@ -1,0 +1,86 @@
+"""What real data has wrong, row by row: found, counted, and put right or dropped."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clt.log.faults import Faults
+from clt.streams import Floats, Indices, Stamps
+
+Mask = NDArray[np.bool_]
+
+
+def drop(faults: Faults, place: str, kind: str, bad: Mask, text: str) -> Mask:
+    """The rows to keep; the others are a fault that lost data."""
+    count = int(np.count_nonzero(bad))
+    if count > 0:
+        faults.add(kind, place, f"{count} of {len(bad)} {text}; dropped", count=count, lost=True)
+    return ~bad
+
+
+def usable(faults: Faults, place: str, good: Mask, *values: Floats) -> Indices:
+    """Rows that were decoded and whose values are finite."""
+    broken = drop(faults, place, "decode", ~good, "messages do not fit their definition")
+    finite = np.ones(len(good), np.bool_)
+    for value in values:
+        finite &= np.isfinite(value).all(axis=tuple(range(1, value.ndim)))
+    kept = drop(faults, place, "nan", good & ~finite, "messages hold NaN or infinite values")
+    return np.flatnonzero(broken & kept)
+
+
+def sorted_rows(faults: Faults, place: str, stamp: Stamps) -> Indices:
+    """Rows in the order of their stamps (stable); steps back are counted."""
+    back = int(np.count_nonzero(np.diff(stamp) < 0))
+    if back == 0:
+        return np.arange(len(stamp))
+    text = f"{back} stamps go back in time; the stream was sorted by stamp"
+    faults.add("backwards", place, text, count=back)
+    return np.argsort(stamp, kind="stable")
+
+
+def first_of_each(faults: Faults, place: str, stamp: Stamps) -> Mask:
+    """The rows to keep of a sorted stream of one robot: the first of each stamp."""
+    again = np.zeros(len(stamp), np.bool_)
+    again[1:] = np.diff(stamp) == 0
+    return _redundant(faults, place, again, "repeat a stamp")
+
+
+def distinct(
+    faults: Faults, stamp: Stamps, source: Indices, target: Indices, value: Floats, robots: int
+) -> Mask:
+    """The ranges to keep of a table sorted by stamp.
+
+    Of several with the same stamp and the same ends the first stays; of A-B and B-A with the same
+    stamp and the same value likewise, since that is one measurement told twice.
+    """
+    epoch = np.zeros(len(stamp), np.int64)
+    epoch[1:] = np.cumsum(np.diff(stamp) != 0)
+    again = _repeats(epoch * robots**2 + source * robots + target)
+    keep = _redundant(faults, "ranges", again, "repeat the stamp and both ends of another")
+    low, high = np.minimum(source, target), np.maximum(source, target)
+    rows = np.flatnonzero(keep)
+    mirrored = np.zeros(len(stamp), np.bool_)
+    mirrored[rows] = _repeats((epoch * robots**2 + low * robots + high)[rows], value[rows])
+    return keep & _redundant(faults, "ranges", mirrored, "mirror another, A-B as B-A")
+
+
+def _repeats(key: Indices, value: Floats | None = None) -> Mask:
+    """Rows whose key (and value, where given) an earlier row has; keys are nearly sorted."""
+    again = np.zeros(len(key), np.bool_)
+    if np.all(np.diff(key) > 0):
+        return again
+    order = np.argsort(key, kind="stable")
+    same = np.diff(key[order]) == 0
+    if value is not None:
+        same &= np.diff(value[order]) == 0
+    again[order[1:][same]] = True
+    return again
+
+
+def _redundant(faults: Faults, place: str, again: Mask, text: str) -> Mask:
+    count = int(np.count_nonzero(again))
+    if count > 0:
+        what = f"{count} of {len(again)} messages {text}; the first was kept"
+        faults.add("duplicate" if "mirror" not in text else "mirrored", place, what, count=count)
+    return ~again
