@@ -10,9 +10,9 @@ from __future__ import annotations
 import difflib
 import os
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -70,14 +70,14 @@ def assignments(options: Iterable[str]) -> dict[str, Any]:
 
 
 def known_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
-    """Every dotted key of a settings type, tables included."""
-    keys: list[str] = []
+    """Every dotted key of a settings type, tables included; of a choice of tables, all keys."""
+    keys: dict[str, None] = {}
     for name, info in model.model_fields.items():
-        keys.append(prefix + name)
-        kind = info.annotation
-        if isinstance(kind, type) and issubclass(kind, BaseModel):
-            keys += known_keys(kind, f"{prefix}{name}.")
-    return keys
+        keys[prefix + name] = None
+        if not _is_list(info.annotation):
+            for kind in _models(info.annotation):
+                keys |= dict.fromkeys(known_keys(kind, f"{prefix}{name}."))
+    return list(keys)
 
 
 def from_environment(
@@ -121,25 +121,51 @@ def parse(model: type[S], data: Mapping[str, Any], source: str) -> S:
     try:
         return model.model_validate(dict(data))
     except ValidationError as error:
-        fault = error.errors()[0]
-        path = [str(part) for part in fault["loc"]]
+        fault = max(error.errors(), key=lambda fault: len(fault["loc"]))
+        table, keys = _place(model, fault["loc"])
+        place = ".".join(keys)
         if fault["type"] == "extra_forbidden":
-            table = _table(model, path[:-1])
-            hint = nearest(path[-1], table.model_fields if table is not None else ())
-            raise UsageError(f"{source}: unknown key `{'.'.join(path)}`{hint}") from None
-        text = fault["msg"].removeprefix("Value error, ")
-        raise UsageError(f"{source}: `{'.'.join(path)}`: {text}") from None
+            key = str(fault["loc"][-1])
+            place = ".".join([*keys, key])
+            hint = nearest(key, table.model_fields)
+            raise UsageError(f"{source}: unknown key `{place}`{hint}") from None
+        if fault["type"] == "union_tag_not_found":
+            key = fault["ctx"]["discriminator"].strip("'")
+            raise UsageError(f"{source}: `{place}.{key}` is missing") from None
+        text = " ".join(fault["msg"].removeprefix("Value error, ").split())
+        where = f"`{place}`: " if place != "" else ""
+        raise UsageError(f"{source}: {where}{text}") from None
 
 
-def _table(model: type[BaseModel], path: list[str]) -> type[BaseModel] | None:
-    """The settings type at a path of keys; list indices and union tags are looked through."""
-    for name in path:
-        kinds = _models(model.model_fields[name].annotation) if name in model.model_fields else []
-        if len(kinds) == 1:
-            model = kinds[0]
-        elif len(kinds) > 1 or name in model.model_fields:
-            return None
-    return model
+def _place(model: type[BaseModel], path: Sequence[int | str]) -> tuple[type[BaseModel], list[str]]:
+    """The innermost table on pydantic's path of a fault, and the user's keys along it.
+
+    What pydantic adds to name the member of a union is followed, not told; an unknown key is
+    left out.
+    """
+    keys: list[str] = []
+    kinds: list[type[BaseModel]] = []
+    for part in path:
+        tagged = [kind for kind in kinds if _has_tag(kind, part)]
+        if isinstance(part, int):
+            keys.append(str(part))
+        elif part in model.model_fields:
+            keys.append(part)
+            kinds = _models(model.model_fields[part].annotation)
+            model = kinds[0] if len(kinds) == 1 else model
+        elif len(tagged) == 1:
+            model, kinds = tagged[0], []
+    return model, keys
+
+
+def _has_tag(kind: type[BaseModel], tag: int | str) -> bool:
+    """A literal default of the settings type equals the tag."""
+    return any(info.default == tag for info in kind.model_fields.values())
+
+
+def _is_list(annotation: Any) -> bool:
+    """A list or tuple: its items have no dotted keys."""
+    return get_origin(annotation) in {list, tuple}
 
 
 def _models(annotation: Any) -> list[type[BaseModel]]:

@@ -16,6 +16,7 @@ import typer
 from clt import __version__
 from clt.cli.console import FAILED, INTERRUPTED
 from clt.cli.import_log import import_log
+from clt.cli.simulate import simulate
 from clt.errors import CltError
 
 app = typer.Typer(
@@ -70,6 +71,7 @@ def root(
 
 
 app.command("import")(guard(import_log))
+app.command("simulate")(guard(simulate))
 
 
 def main() -> None:

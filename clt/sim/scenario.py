@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -48,21 +48,30 @@ class Scenario(Settings):
         return self
 
 
-def built_in() -> Iterator[str]:
+def built_in() -> list[str]:
     """Names of the scenarios that come with clt, sorted."""
     names = (entry.name for entry in BUILT_IN.iterdir())
-    return iter(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
+    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
-def load_scenario(source: str, overrides: Mapping[str, Any] | None = None) -> Scenario:
-    """A built-in scenario by name, or a TOML file by path; `overrides` are dotted keys.
+def load_scenario(
+    source: str,
+    overrides: Mapping[str, Any] | None = None,
+    environment: Mapping[str, Any] | None = None,
+) -> Scenario:
+    """A built-in scenario by name, or a TOML file by path.
 
-    Raises UsageError: no such scenario (the nearest is named), bad TOML, unknown or bad keys.
+    `environment` and, stronger, `overrides` are values by dotted key. Raises UsageError: no such
+    scenario (the nearest is named), bad TOML, unknown or bad keys.
     """
     tree = read_toml(_locate(source))
-    for key, value in ({} if overrides is None else overrides).items():
-        assign(tree, key, value)
-    return parse(Scenario, tree, source)
+    scenario = parse(Scenario, tree, source)
+    for origin, layer in (("environment", environment), ("options", overrides)):
+        if layer is not None and len(layer) > 0:
+            for key, value in layer.items():
+                assign(tree, key, value)
+            scenario = parse(Scenario, tree, origin)
+    return scenario
 
 
 def effective_toml(scenario: Scenario) -> str:
@@ -72,7 +81,7 @@ def effective_toml(scenario: Scenario) -> str:
 
 def _locate(source: str) -> Path:
     """The file of a scenario."""
-    names = list(built_in())
+    names = built_in()
     if source in names:
         return Path(str(BUILT_IN / f"{source}.toml"))
     path = Path(source)
