@@ -13,7 +13,8 @@ Floats = NDArray[np.float64]
 
 def wrap(angle: Floats) -> Floats:
     """Angle(s) in rad, any shape, brought into (-pi, pi]."""
-    return np.pi - np.mod(np.pi - np.asarray(angle, dtype=np.float64), 2.0 * np.pi)
+    turned = np.pi - np.mod(np.pi - np.asarray(angle, dtype=np.float64), 2.0 * np.pi)
+    return np.where(turned == -np.pi, np.pi, turned)  # mod rounds up to 2 pi just beyond pi
 
 
 def heading_of_quaternion(x: Floats, y: Floats, z: Floats, w: Floats) -> Floats:

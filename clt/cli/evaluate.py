@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from clt.metrics.evaluation import EvaluateOptions, Evaluation
     from clt.streams import Recording
 
+WANTED = frozenset({"truth", "estimate", "dead_reckoning", "innovations"})
+
 Alignment = Annotated[
     Literal["none", "first", "anchors", "se2", "se2-per-robot"] | None,
     typer.Option(
@@ -103,7 +105,7 @@ def score(
     from clt.log.load import load
     from clt.metrics.evaluate import evaluate as compare
 
-    recording = load(log, streams).recording
+    recording = load(log, streams, WANTED).recording
     console.report(recording.faults)
     try:
         evaluation = compare(recording, options)

@@ -110,5 +110,6 @@ def pairs(matched: Matched, delta: Delta) -> tuple[Indices, Indices]:
     right = np.minimum(np.searchsorted(place, wanted), len(place) - 1)
     left = np.maximum(right - 1, 0)
     j = np.where(wanted - place[left] < np.abs(place[right] - wanted), left, right)
-    i = np.flatnonzero(np.abs(place[j] - wanted) <= TOLERANCE * delta.value)
+    reached = wanted <= place[-1] + 1e-9
+    i = np.flatnonzero(reached & (np.abs(place[j] - wanted) <= TOLERANCE * delta.value))
     return i, j[i]

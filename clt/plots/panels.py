@@ -40,6 +40,8 @@ def trajectories(axes: Axes, recording: Recording, evaluation: Evaluation) -> No
         matched = evaluation.estimate.tracks[name]
         _path(axes, matched, matched.estimate, color=shade, linewidth=1.5, zorder=3)
         _path(axes, matched, matched.truth, color=INK, linewidth=0.8, dashes=(5, 4), zorder=4)
+        for rows in (matched.truth, matched.estimate):  # dead reckoning may leave the picture
+            axes.update_datalim(rows[:, :2])
     for name, shade in colours.items():
         x, y = evaluation.estimate.tracks[name].truth[0, :2]
         axes.plot(x, y, "o", color=shade, markersize=6.5, markeredgecolor="white", zorder=6)
@@ -53,7 +55,7 @@ def trajectories(axes: Axes, recording: Recording, evaluation: Evaluation) -> No
     frame = evaluation.frame if evaluation.relative else evaluation.truth_frame
     axes.set(title=f"Trajectories in {frame}", xlabel="x in m", ylabel="y in m")
     axes.set_aspect("equal", adjustable="datalim")
-    axes.margins(0.06)
+    axes.margins(0.1)
     quiet(axes)
     _key(axes, static=not evaluation.relative and len(recording.team.static) > 0)
 
@@ -62,7 +64,6 @@ def _path(axes: Axes, matched: Matched, rows: Floats, **look: object) -> None:
     kept = every(len(rows), POINTS)
     x, y = broken(matched.stamp[kept], rows[kept, :2], LONG).T
     axes.add_line(Line2D(x, y, **look))  # type: ignore[arg-type]
-    axes.update_datalim(rows[kept, :2])
 
 
 def _name(axes: Axes, name: str, x: float, y: float, shade: str) -> None:
