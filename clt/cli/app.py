@@ -15,8 +15,12 @@ import typer
 
 from clt import __version__
 from clt.cli.console import FAILED, INTERRUPTED
+from clt.cli.demo import demo
+from clt.cli.evaluate import evaluate
 from clt.cli.import_log import import_log
+from clt.cli.localize import localize
 from clt.cli.simulate import simulate
+from clt.cli.plot import plot
 from clt.errors import CltError
 
 app = typer.Typer(
@@ -70,8 +74,12 @@ def root(
     """Where is every robot of a team, from ranges and wheel odometry alone."""
 
 
+app.command("demo")(guard(demo))
 app.command("import")(guard(import_log))
+app.command("localize")(guard(localize))
 app.command("simulate")(guard(simulate))
+app.command("evaluate")(guard(evaluate))
+app.command("plot")(guard(plot))
 
 
 def main() -> None:

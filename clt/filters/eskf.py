@@ -23,9 +23,14 @@ from clt.streams import Floats, Indices, Stamps
 
 BATCH_ROBOTS, BATCH_PER_ROBOT = 12, 6
 """From this many robots and ranges per robot the information form is faster (benchmarks/)."""
-Judgement = tuple[float, float, int]
-REJECTED, USED, PULLED = 0, 1, 2
-"""Verdicts on a range: outside the gate; fused; fused softly, to pull a lost robot back."""
+REJECTED, USED = 0, 1
+"""Verdicts on a range: outside the gate, fused."""
+SINCE, ACCEPTED, CONTRADICTED, ACCUSER = 0, 1, 2, 3
+"""Columns of a filter's memory: ns, ranges accepted and rejected since then, who disagreed."""
+NOBODY, SEVERAL = -1_000_000, -1_000_001
+"""Who contradicts a robot, where it is not one partner."""
+LOST_HEADING = 1.0
+"""Standard deviation of the heading of a robot that was lost, rad."""
 
 
 class Outputs(NamedTuple):
@@ -48,7 +53,7 @@ class Run:
     variance: Floats
     """Of the residual, m^2."""
     verdict: Indices
-    """REJECTED, USED or PULLED."""
+    """REJECTED or USED."""
     last_mean: Floats
     last_covariance: Floats
 
@@ -148,18 +153,92 @@ def predict_range(
 
 
 @kernel
-def judge(r: float, prior: float, R: float, weight_R: float, gate: float, lost: bool) -> Judgement:
-    """Variance S of residual r, the variance to weight its range with, and the verdict.
+def widen(P: Floats, i: int, spread: float) -> None:
+    """Forget where robot i is: position to `spread` m, heading to LOST_HEADING, no correlation."""
+    for r in range(3 * i, 3 * i + 3):
+        for c in range(P.shape[0]):
+            P[r, c] = P[c, r] = 0.0
+    P[3 * i, 3 * i] = P[3 * i + 1, 3 * i + 1] = spread * spread
+    P[3 * i + 2, 3 * i + 2] = LOST_HEADING * LOST_HEADING
 
-    Rejected where r^2 > gate S; but when the robot has been `lost`, the filter itself may be
-    wrong: then the range is used as if r^2 = gate S held.
+
+@kernel
+def fresh_memory(n: int, start: int) -> Indices:
+    """Memory of n robots, shape (n, 4), at the time `start` (ns)."""
+    memory = np.zeros((n, 4), np.int64)
+    memory[:, SINCE], memory[:, ACCUSER] = start, NOBODY
+    return memory
+
+
+@kernel
+def remember(i: int, partner: int, used: bool, memory: Indices) -> None:
+    """Note for robot i that a range with `partner` was accepted or rejected."""
+    if i < 0:
+        return
+    if used:
+        memory[i, ACCEPTED] += 1
+        return
+    memory[i, CONTRADICTED] += 1
+    if memory[i, ACCUSER] == NOBODY:
+        memory[i, ACCUSER] = partner
+    elif memory[i, ACCUSER] != partner:
+        memory[i, ACCUSER] = SEVERAL
+
+
+@kernel
+def innovate(
+    x: Floats,
+    P: Floats,
+    lever: Floats,
+    ranges: RangeTable,
+    m: int,
+    last: int,
+    gate: float,
+    H: Floats,
+    residual: Floats,
+    spread: Floats,
+    verdict: Indices,
+) -> None:
+    """Residual r = z - h(x) of ranges m .. last - 1, variance S, verdict r^2 <= gate S."""
+    for k in range(m, last):
+        a, b = ranges.a[k], ranges.b[k]
+        h = predict_range(x, lever, a, b, ranges.anchor[k, 0], ranges.anchor[k, 1], H, k - m)
+        r = ranges.range[k] - h
+        S = kalman.projected_variance(P, a, b, H, k - m) + ranges.variance[k]
+        residual[k], spread[k] = r, S
+        verdict[k] = USED if gate <= 0.0 or r * r <= gate * S else REJECTED
+
+
+@kernel
+def reacquire(
+    P: Floats,
+    ranges: RangeTable,
+    m: int,
+    last: int,
+    residual: Floats,
+    memory: Indices,
+    patience: int,
+) -> bool:
+    """Widen the robots that most of their ranges contradicted over the last `patience` ns.
+
+    Only where several partners did: one alone may be the one that is wrong. Returns whether any
+    robot was lost.
     """
-    S = prior + R
-    if gate <= 0.0 or r * r <= gate * S:
-        return S, weight_R, USED
-    if lost:
-        return S, max(weight_R, r * r / gate - prior), PULLED
-    return S, weight_R, REJECTED
+    now, any_lost = ranges.stamp[m], False
+    for i in range(memory.shape[0]):
+        if now - memory[i, SINCE] <= patience:
+            continue
+        if memory[i, ACCUSER] == SEVERAL and memory[i, CONTRADICTED] > memory[i, ACCEPTED]:
+            worst = 0.0
+            for k in range(m, last):
+                if ranges.a[k] == i or ranges.b[k] == i:
+                    worst = max(worst, abs(residual[k]))
+            if worst > 0.0:
+                widen(P, i, worst)
+                any_lost = True
+        memory[i, SINCE], memory[i, ACCUSER] = now, NOBODY
+        memory[i, ACCEPTED] = memory[i, CONTRADICTED] = 0
+    return any_lost
 
 
 @kernel
@@ -170,7 +249,7 @@ def fuse(
     ranges: RangeTable,
     m: int,
     last: int,
-    heard: Stamps,
+    memory: Indices,
     gate: float,
     patience: int,
     residual: Floats,
@@ -180,33 +259,19 @@ def fuse(
 ) -> None:
     """Correct x and P, in place, with the ranges m .. last - 1 of one instant.
 
-    `heard` holds when each robot last had a range accepted (ns). From `large` ranges per robot
-    the information form is used; with None it is not even compiled.
+    `memory` counts, per robot, what its ranges said of late. From `large` ranges per robot the information form is used; with None it is not
+    even compiled.
     """
-    n, now = x.size // 3, ranges.stamp[m]
-    H, R = np.empty((last - m, 6)), np.empty(last - m)
-    a, b, anchor = ranges.a[m:last], ranges.b[m:last], ranges.anchor[m:last]
-    z, variance = ranges.range[m:last], ranges.variance[m:last]
-    weight = ranges.weight_variance[m:last]
-    for k in range(last - m):
-        silence = 0
-        if a[k] >= 0:
-            silence = now - heard[a[k]]
-        if b[k] >= 0:
-            silence = max(silence, now - heard[b[k]])
-        r = z[k] - predict_range(x, lever, a[k], b[k], anchor[k, 0], anchor[k, 1], H, k)
-        prior = kalman.projected_variance(P, a[k], b[k], H, k)
-        residual[m + k] = r
-        spread[m + k], R[k], verdict[m + k] = judge(
-            r, prior, variance[k], weight[k], gate, silence > patience
-        )
-    for k in range(last - m):
-        if verdict[m + k] == USED:
-            if a[k] >= 0:
-                heard[a[k]] = now
-            if b[k] >= 0:
-                heard[b[k]] = now
-    if large is not None and last - m >= large * n:
+    H = np.empty((last - m, 6))
+    innovate(x, P, lever, ranges, m, last, gate, H, residual, spread, verdict)
+    if reacquire(P, ranges, m, last, residual, memory, patience):
+        innovate(x, P, lever, ranges, m, last, gate, H, residual, spread, verdict)
+    for k in range(m, last):
+        a, b, used = ranges.a[k], ranges.b[k], verdict[k] == USED
+        remember(a, b, used, memory)
+        remember(b, a, used, memory)
+    a, b, R = ranges.a[m:last], ranges.b[m:last], ranges.weight_variance[m:last]
+    if large is not None and last - m >= large * (x.size // 3):
         x += kalman.batch(P, a, b, H, residual[m:last], R, verdict[m:last])
     else:
         x += kalman.sequential(P, a, b, H, residual[m:last], R, verdict[m:last])
@@ -232,7 +297,7 @@ def eskf(
     and covariance (o, 3, 3) per output; residual, its variance and the verdict per range.
     """
     n, M, O = x.size // 3, ranges.stamp.size, outputs.stamp.size  # noqa: E741
-    time, heard = np.full(n, start), np.full(n, start)
+    time, memory = np.full(n, start), fresh_memory(n, start)
     cursor = segments.first[:-1].copy()
     mean, covariance = np.empty((O, 3)), np.empty((O, 3, 3))
     residual, spread, verdict = np.empty(M), np.empty(M), np.zeros(M, np.int64)
@@ -255,7 +320,7 @@ def eskf(
                 ranges,
                 m,
                 last,
-                heard,
+                memory,
                 gate,
                 patience,
                 residual,

@@ -38,7 +38,7 @@ class Segments(NamedTuple):
 
 
 class RangeTable(NamedTuple):
-    """Ranges to fuse, sorted by stamp; ends are state indices, -1 for a fixed anchor."""
+    """Ranges to fuse, sorted by stamp; ends are state indices, or -1 - k for the fixed robot k."""
 
     row: Indices
     """Row of `Ranges` that each came from."""
@@ -192,15 +192,16 @@ def range_table(
     `state` maps team indices to state indices, `anchors` to fixed positions.
     """
     size = len(team.robots)
-    where = np.full(size, -2)
+    where = -1 - np.arange(size)
+    placed = np.zeros(size, np.bool_)
+    placed[[*state, *anchors]] = True
     place = np.zeros((size, 2))
     for robot, index in state.items():
         where[robot] = index
     for robot, position in anchors.items():
-        where[robot] = -1
         place[robot] = position
     source, target = where[ranges.source], where[ranges.target]
-    use = (np.minimum(source, target) >= -1) & (np.maximum(source, target) >= 0)
+    use = placed[ranges.source] & placed[ranges.target] & (np.maximum(source, target) >= 0)
     use &= (ranges.stamp > start) & (ranges.stamp <= end)
     row = np.flatnonzero(use)
     notes: list[str] = []

@@ -46,4 +46,5 @@ class FilterSettings(Settings):
     gate: NotNegative = 16.0
     """A range is rejected when its NIS exceeds this; 0 accepts all."""
     reacquire: Positive = 3.0
-    """Seconds without an accepted range after which a robot's ranges pull it back softly."""
+    """A robot is called lost, and searched for anew, when most of its ranges with several partners
+    were rejected over this many seconds."""

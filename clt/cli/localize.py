@@ -1,0 +1,187 @@
+"""`clt localize`: initialize and filter a log; the result is a log again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from clt.cli.options import Force, Json, Log, Output, Quiet, Set, Verbose
+
+if TYPE_CHECKING:
+    from clt.cli.console import Console
+    from clt.filters.settings import FilterSettings
+    from clt.init.start import Start
+    from clt.pipeline import Result
+    from clt.streams import Recording
+
+FILTERS = ("eskf",)
+FRAMES = ("world",)
+INITIALIZERS = ("auto", "truth")
+WANTED = frozenset({"odometry", "ranges", "truth"})
+
+
+def localize(
+    log: Log,
+    output: Output,
+    filter_: Annotated[
+        str, typer.Option("--filter", help="eskf: error-state Kalman filter (Shi).")
+    ] = "eskf",
+    frame: Annotated[str, typer.Option(help="world: absolute poses.")] = "world",
+    init: Annotated[
+        str,
+        typer.Option(
+            help="truth: from the ground truth. A TOML file: one table per robot with x, y, "
+            "heading and optionally sigma. auto: truth, for want of anything else."
+        ),
+    ] = "auto",
+    config: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Settings (TOML), the keys of --set.")
+    ] = None,
+    sets: Set = [],  # noqa: B006 - typer copies it
+    calibration: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Calibration (TOML) to apply first.")
+    ] = None,
+    streams: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Roles of a foreign log's topics (TOML).")
+    ] = None,
+    scene: Annotated[bool, typer.Option(help="Add /tf and /clt/scene for 3D viewers.")] = True,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Estimate where every robot is, and how sure that is, from its ranges and odometry.
+
+    Examples: clt localize log.mcap -o out.mcap --init truth;
+    clt localize log.mcap -o out.mcap --init poses.toml --set noise.sigma_range=0.1
+    """
+    from time import perf_counter
+
+    from clt.calibration import apply, read_calibration
+    from clt.cli.console import Console
+    from clt.cli.localize_report import describe, tell
+    from clt.errors import UsageError
+    from clt.log.load import load
+    from clt.log.output import STDOUT, check
+    from clt.log.output import output as open_output
+    from clt.log.save import save
+
+    console = Console(quiet, verbose)
+    choose("--filter", filter_, FILTERS)
+    choose("--frame", frame, FRAMES)
+    if as_json and output == STDOUT:
+        raise UsageError("--json and -o - both want standard output; name a file")
+    check(output, force, [log])
+    settings = read_settings(config, sets)
+
+    clock = [perf_counter()]
+    loaded = load(log, streams, WANTED)
+    console.report(loaded.recording.faults)
+    recording = loaded.recording
+    if calibration is not None:
+        recording = apply(recording, read_calibration(calibration))
+    require_data(recording, str(log))
+    clock.append(perf_counter())
+    start = initialize(recording, init, settings, console)
+    clock.append(perf_counter())
+    result = run_filter(recording, start, settings, console)
+    clock.append(perf_counter())
+
+    timings = {
+        name: later - earlier
+        for name, earlier, later in zip(
+            ("read_s", "init_s", "filter_s"), clock[:-1], clock[1:], strict=True
+        )
+    }
+    choices = {"filter": filter_, "frame": frame, "init": init}
+    run = describe({str(log): loaded.sha256}, choices, settings, result, timings, console)
+    with open_output(output, force, [log]) as file:
+        save(file, result.recording, run, scene=scene)
+    tell(console, result, output, choices, timings, as_json)
+    return console.code
+
+
+def choose(option: str, value: str, known: tuple[str, ...]) -> None:
+    """Refuse a value that an option does not have. Raises UsageError naming the nearest."""
+    from clt.errors import UsageError
+    from clt.settings import nearest
+
+    if value not in known:
+        raise UsageError(f"{option} {value}: unknown{nearest(value, known)}")
+
+
+def read_settings(config: Path | None, sets: list[str]) -> FilterSettings:
+    """Settings by precedence: defaults < file < environment < --set."""
+    from clt.filters.settings import FilterSettings
+    from clt.settings import assign, assignments, from_environment, known_keys, parse, read_toml
+    from clt.sim.scenario import Scenario
+
+    tree = {} if config is None else read_toml(config)
+    tree = parse(FilterSettings, tree, str(config)).model_dump(exclude_unset=True)
+    for key, value in from_environment(FilterSettings, known_keys(Scenario)).items():
+        assign(tree, key, value)
+    tree = parse(FilterSettings, tree, "environment").model_dump(exclude_unset=True)
+    for key, value in assignments(sets).items():
+        assign(tree, key, value)
+    return parse(FilterSettings, tree, "--set")
+
+
+def require_data(recording: Recording, log: str) -> None:
+    """Raise CltError, naming the remedy, for a log that cannot be localized at all."""
+    from clt.errors import CltError
+
+    if len(recording.odometry) == 0:
+        raise CltError(
+            f"{log}: no odometry found on /ROBOT/odom; name its topics with --streams FILE"
+        )
+    if recording.ranges.stamp.size == 0:
+        raise CltError(
+            f"{log}: no ranges found on /ROBOT/uwb/range; name their topics with --streams FILE"
+        )
+
+
+def initialize(
+    recording: Recording, init: str, settings: FilterSettings, console: Console
+) -> Start:
+    """Initial poses by the name of a method or from a TOML file."""
+    from clt.errors import CltError, UsageError
+    from clt.init.poses import from_poses
+    from clt.init.truth import from_truth
+    from clt.settings import nearest, read_toml
+
+    if init == "auto" and len(recording.truth) == 0:
+        raise CltError(
+            "the log has no ground truth to start from; give the initial poses with --init FILE"
+        )
+    if init in INITIALIZERS:
+        if init == "auto":
+            console.say("initial poses: from the ground truth (--init truth)")
+        return from_truth(recording, settings.initial.sigma)
+    path = Path(init)
+    if not path.exists():
+        raise UsageError(f"--init {init}: no such method or file{nearest(init, INITIALIZERS)}")
+    return from_poses(recording, read_toml(path), init, settings.initial.sigma)
+
+
+def run_filter(
+    recording: Recording, start: Start, settings: FilterSettings, console: Console
+) -> Result:
+    """Filter, and say what went wrong."""
+    from clt.errors import CltError
+    from clt.filters import eskf
+    from clt.pipeline import estimate
+
+    if eskf.needs_compiling():
+        console.say("compiling the filter once for this machine (some seconds) ...")
+    result = estimate(recording, start, settings)
+    for line in result.posterior.warnings:
+        console.warn(line)
+    for line in result.posterior.left_out:
+        console.warn(line, partial=True)
+    for name in result.posterior.diverged:
+        console.warn(f"the estimate of {name} has diverged: its ranges contradict it", partial=True)
+    if len(result.recording.estimate) == 0:
+        raise CltError("no estimate is finite: check the noise settings and the initial poses")
+    return result
