@@ -6,7 +6,6 @@ fault and skipped; only a record longer than the rest of the file ends the readi
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
@@ -15,12 +14,21 @@ import numpy as np
 from clt.log import records
 from clt.log.chunk import LIMIT, inflate
 from clt.log.faults import Faults
-from clt.log.records import HEAD, MAGIC, ChannelRecord, DamagedError, Header, Metadata, Schema
+from clt.log.records import (
+    HEAD,
+    MAGIC,
+    ChannelRecord,
+    DamagedError,
+    Document,
+    Header,
+    Metadata,
+    Schema,
+)
 from clt.log.source import Source
 from clt.log.table import Bytes, Messages, find, table, walk_records
-from clt.streams import Attachment, Indices
+from clt.streams import Indices
 
-Frame = Header | Schema | ChannelRecord | Metadata | Attachment | Messages
+Frame = Header | Schema | ChannelRecord | Metadata | Document | Messages
 
 NAMES = {
     records.HEADER: "header",
@@ -35,11 +43,12 @@ NAMES = {
 }
 """The records that are read whole; others are passed over."""
 
-PARSE: dict[int, Callable[[bytes], Header | Schema | ChannelRecord | Metadata]] = {
+PARSE: dict[int, Callable[[bytes], Header | Schema | ChannelRecord | Metadata | Document]] = {
     records.HEADER: records.header,
     records.SCHEMA: records.schema,
     records.CHANNEL: records.channel,
     records.METADATA: records.metadata,
+    records.ATTACHMENT: records.document,
 }
 
 
@@ -114,8 +123,6 @@ class Frames:
                     self._data_ended = True
                 case records.FOOTER:
                     self._close()
-                case records.ATTACHMENT:
-                    yield _attachment(body)
                 case _:
                     yield PARSE[opcode](body)
         except DamagedError as error:
@@ -174,10 +181,3 @@ class Frames:
         else:
             text = "the log is cut off inside a record; what came before was read"
             self._faults.add("truncated", place, text, lost=True)
-
-
-def _attachment(body: bytes) -> Attachment:
-    attachment, covered, crc = records.attachment(body)
-    if crc not in {0, zlib.crc32(covered)}:
-        raise DamagedError(f"the checksum of {attachment.name!r} does not match")
-    return attachment

@@ -13,7 +13,7 @@ from clt.log import ordinary, template
 from clt.log.faults import Faults
 from clt.log.gathered import Gathered
 from clt.log.msgdef import DefinitionError, Struct, parse, short
-from clt.log.records import Header, Metadata
+from clt.log.records import Document, Header, Metadata
 from clt.log.scan import Channel, Scan
 from clt.log.table import Messages
 from clt.streams import Attachment
@@ -121,8 +121,8 @@ def _read(scan: Scan, want: Callable[[str, str], bool]) -> Log:
                 gathered.add(event)
             case Metadata():
                 metadata.append(event)
-            case Attachment():
-                attachments.append(event)
+            case Document():
+                attachments.append(event.attachment)
             case Header():
                 header = event if header == Header("", "") else header
     topics = _topics(channels, gathered)

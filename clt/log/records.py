@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -58,6 +59,15 @@ class Metadata:
 
     name: str
     record: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Document:
+    """An attachment with its times, ns."""
+
+    attachment: Attachment
+    log_time: int
+    create_time: int
 
 
 @dataclass(frozen=True)
@@ -132,14 +142,16 @@ def metadata(data: bytes) -> Metadata:
     return Metadata(cursor.text(), cursor.table())
 
 
-def attachment(data: bytes) -> tuple[Attachment, memoryview, int]:
-    """An Attachment record, the bytes that its CRC covers, and the CRC (0: none)."""
+def document(data: bytes) -> Document:
+    """An Attachment record, held against its checksum (0: none)."""
     cursor = Cursor(data)
-    cursor.take(16)
+    log_time, create_time = cursor.integer(8), cursor.integer(8)
     name, media_type = cursor.text(), cursor.text()
-    document = bytes(cursor.take(cursor.integer(8)))
+    content = bytes(cursor.take(cursor.integer(8)))
     covered = cursor.data[: cursor.at]
-    return Attachment(name, media_type, document), covered, cursor.integer(4)
+    if cursor.integer(4) not in {0, zlib.crc32(covered)}:
+        raise DamagedError(f"the checksum of {name!r} does not match")
+    return Document(Attachment(name, media_type, content), log_time, create_time)
 
 
 def chunk(data: bytes) -> Chunk:

@@ -18,10 +18,10 @@ from clt.log.chunk import LIMIT
 from clt.log.faults import Faults
 from clt.log.frames import Frames
 from clt.log.magic import explain
-from clt.log.records import MAGIC, ChannelRecord, Header, Metadata, Schema
+from clt.log.records import MAGIC, ChannelRecord, Document, Header, Metadata, Schema
 from clt.log.source import Source
 from clt.log.table import Messages
-from clt.streams import Attachment, Indices
+from clt.streams import Indices
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Channel:
 
 
 Named = TypeVar("Named", Schema, ChannelRecord)
-Event = Header | Channel | Metadata | Attachment | Messages
+Event = Header | Channel | Metadata | Document | Messages
 
 
 @dataclass

@@ -27,7 +27,7 @@ class Stream:
 
     def __init__(self, file: BinaryIO, metadata: Mapping[str, Mapping[str, str]]) -> None:
         self._file = file
-        counted: Any = _Counted(file)
+        counted: Any = Counted(file)
         self._writer: Any = Writer(counted)
         self._writer.start(profile=PROFILE, library=LIBRARY)
         for name, record in metadata.items():
@@ -70,7 +70,7 @@ class Stream:
         self._file.flush()
 
 
-class _Counted:
+class Counted:
     """A file that counts what it was given, because a pipe cannot `tell`."""
 
     def __init__(self, file: BinaryIO) -> None:
