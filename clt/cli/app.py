@@ -18,9 +18,11 @@ from clt.cli.console import FAILED, INTERRUPTED
 from clt.cli.demo import demo
 from clt.cli.evaluate import evaluate
 from clt.cli.import_log import import_log
+from clt.cli.info import info
 from clt.cli.localize import localize
-from clt.cli.simulate import simulate
 from clt.cli.plot import plot
+from clt.cli.recover import recover
+from clt.cli.simulate import simulate
 from clt.errors import CltError
 
 app = typer.Typer(
@@ -80,6 +82,8 @@ app.command("localize")(guard(localize))
 app.command("simulate")(guard(simulate))
 app.command("evaluate")(guard(evaluate))
 app.command("plot")(guard(plot))
+app.command("info")(guard(info))
+app.command("recover")(guard(recover))
 
 
 def main() -> None:
