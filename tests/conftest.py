@@ -55,9 +55,7 @@ def synthetic() -> Callable[..., Recording]:
             white = rng.standard_normal((n, 3)) * SIGMA
             errors = white.copy()
             for i in range(1, n):
-                errors[i] = (
-                    correlation * errors[i - 1] + np.sqrt(1.0 - correlation**2) * white[i]
-                )
+                errors[i] = correlation * errors[i - 1] + np.sqrt(1.0 - correlation**2) * white[i]
             drift = np.cumsum(rng.standard_normal((n, 3)) * [0.03, 0.03, 0.005], axis=0)
             spread = np.arange(1, n + 1)[:, None, None] * np.diag([9e-4, 9e-4, 2.5e-5])
             truth[robot.name] = poses("world", stamp, rows)
@@ -69,8 +67,8 @@ def synthetic() -> Callable[..., Recording]:
         accepted = np.abs(residual) < 0.25
         innovations = Innovations(
             stamp=np.repeat(stamp, 4),
-            source=np.tile([2, 2, 0, 3], n),
-            target=np.tile([0, 3, 2, 1], n),
+            source=np.tile([2, 2, 0, 1 + moving], n),
+            target=np.tile([0, 1, 2, 1], n),
             residual=residual,
             sigma=np.full(4 * n, 0.1),
             nis=(residual / 0.1) ** 2,
@@ -98,7 +96,10 @@ def moved() -> Callable[..., Recording]:
             track = tracks[name]
             rows = change(np.column_stack([track.x, track.y, track.heading]))
             tracks[name] = replace(
-                track, x=rows[:, 0], y=rows[:, 1], heading=wrap(rows[:, 2]),
+                track,
+                x=rows[:, 0],
+                y=rows[:, 1],
+                heading=wrap(rows[:, 2]),
                 frame=track.frame if frame is None else frame,
             )
         return replace(recording, estimate=tracks)
