@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from clt.log.layout import Bytes, layout, stamp_columns
 from clt.log.markers import Markers
 from clt.log.plan import Channel, Select, channel_of_bytes
-from clt.streams import WORLD, Floats, Poses, Recording, Stamps
+from clt.streams import WORLD, Floats, Innovations, Poses, Ranges, Recording, Robot, Stamps
 
 TF, SCENE = "tf2_msgs/msg/TFMessage", "visualization_msgs/msg/MarkerArray"
 TF_STEP = 50_000_000
@@ -26,6 +26,7 @@ TRAIL = 60
 """Points of a trail, one per scene: the last half minute."""
 FRESH = 1_000_000_000
 """A pose or range older than this is not shown, ns."""
+MOST_LINKS = 200
 SIGMAS = 2.0
 """Half axes of a covariance ellipse in standard deviations."""
 PALETTE = np.array(
@@ -67,7 +68,7 @@ def _tf(drawn: Mapping[str, Poses]) -> Channel:
         frames = {"header.frame_id": poses.frame, "child_frame_id": f"{name}/base_link"}
         constants = {f"transforms.0.{key}": frame for key, frame in frames.items()}
         form = layout(TF, {"transforms": 1, **constants})
-        rows = _thin(poses.stamp, TF_STEP)
+        rows = _thin(poses.stamp, TF_STEP * _slower(drawn))
         half = np.nan_to_num(poses.heading[rows]) / 2
         columns = {
             "translation.x": poses.x[rows],
@@ -92,11 +93,12 @@ def _thin(stamp: Stamps, step: int) -> NDArray[np.int64]:
 
 
 def _scene(recording: Recording, drawn: Mapping[str, Poses]) -> Channel:
-    """A MarkerArray every SCENE_STEP, over the time of the drawn trajectories."""
+    """A MarkerArray every SCENE_STEP or slower, over the time of the drawn trajectories."""
     begin = min(int(poses.stamp[0]) for poses in drawn.values())
     end = max(int(poses.stamp[-1]) for poses in drawn.values())
-    at = np.arange(begin, end + 1, SCENE_STEP)
-    painter = _Painter(recording, drawn, _pairs(recording))
+    at = np.arange(begin, end + 1, SCENE_STEP * _slower(drawn))
+    frame = next(iter(drawn.values())).frame
+    painter = _Painter(recording, drawn, frame, 2 * _pair_count(recording))
     size = len(painter.markers(at[:0]).layout().template)
 
     def encode(select: Select) -> Bytes:
@@ -105,31 +107,20 @@ def _scene(recording: Recording, drawn: Mapping[str, Poses]) -> Channel:
     return Channel("/clt/scene", SCENE, at, at, np.full(at.size, size), encode)
 
 
-@dataclass(frozen=True)
-class _Pair:
-    """The ranges between two robots, in order of time."""
-
-    ends: tuple[str, str]
-    stamp: Stamps
-    color: Floats
-    """What the filter made of each, shape (n, 3)."""
+def _slower(drawn: Mapping[str, Poses]) -> int:
+    """How much rarer messages are, so that a large team costs no more than ten robots."""
+    return -(-len(drawn) // 10)
 
 
-def _pairs(recording: Recording) -> tuple[_Pair, ...]:
-    """The ranges of a log pair by pair, whoever of the two measured."""
-    innovations, names = recording.innovations, recording.team.names
-    table = recording.ranges if innovations is None else innovations
+def _pair_count(recording: Recording) -> int:
+    """How many pairs of robots measured ranges."""
+    table, count = _ranges(recording), len(recording.team.robots)
     low, high = np.minimum(table.source, table.target), np.maximum(table.source, table.target)
-    code = low * len(names) + high
-    pairs = []
-    for number in np.flatnonzero(np.bincount(code)).tolist():
-        rows = np.flatnonzero(code == number)
-        color = np.broadcast_to(GREY, (rows.size, 3))
-        if innovations is not None:
-            color = np.where(innovations.accepted[rows, None], ACCEPTED, REJECTED)
-        first, second = divmod(number, len(names))
-        pairs.append(_Pair((names[first], names[second]), table.stamp[rows], color))
-    return tuple(pairs)
+    return int(np.count_nonzero(np.bincount(low * count + high)))
+
+
+def _ranges(recording: Recording) -> Ranges | Innovations:
+    return recording.ranges if recording.innovations is None else recording.innovations
 
 
 @dataclass(frozen=True)
@@ -138,75 +129,81 @@ class _Painter:
 
     recording: Recording
     drawn: Mapping[str, Poses]
-    pairs: tuple[_Pair, ...]
+    frame: str
+    """Where static robots and links are drawn."""
+    slots: int
+    """Links of a scene, twice the pairs, so that hardly a pair is missing in any order."""
 
     def markers(self, at: Stamps) -> Markers:
         markers = Markers(at)
-        for index, robot in enumerate(self.recording.team.robots):
+        robots = self.recording.team.robots
+        places = np.full((len(robots), at.size, 2), np.nan)
+        for index, robot in enumerate(robots):
             color = PALETTE[index % len(PALETTE)]
+            fixed = self.fixed(robot)
             if robot.name in self.drawn:
-                self.body(markers, robot.name, robot.id, color)
-            elif robot.static and self.place(robot.name, at) is not None:
-                frame, position = self.place(robot.name, at) or (WORLD, np.empty((0, 2)))
-                markers.cube("static", robot.id, frame, position, color)
-                markers.text("name", robot.id, frame, position, robot.name)
-        self.links(markers)
+                position = self.body(markers, robot, color)
+                if self.drawn[robot.name].frame == self.frame:
+                    places[index] = position
+            elif fixed is not None:
+                places[index] = fixed
+                markers.cube("static", robot.id, self.frame, places[index], color)
+                markers.text("name", robot.id, self.frame, places[index], robot.name)
+        if self.slots > 0:
+            self.links(markers, places)
         return markers
 
-    def body(self, markers: Markers, name: str, number: int, color: Floats) -> None:
-        """A moving robot: arrow, name, trail, ellipse, and the true trail beside an estimate."""
-        poses, at = self.drawn[name], markers.at
+    def body(self, markers: Markers, robot: Robot, color: Floats) -> Floats:
+        """A robot that moves or is estimated; returns its positions (k, 2).
+
+        Arrow, name, trail, ellipse, and beside an estimate the true trail.
+        """
+        poses, at, number = self.drawn[robot.name], markers.at, robot.id
         rows = _latest(poses.stamp, at)
         alpha = _shown(poses.stamp, at)
         position = np.stack([poses.x[rows], poses.y[rows]], axis=-1)
         heading = np.nan_to_num(poses.heading[rows])
         markers.arrow("robot", number, poses.frame, position, heading, color, alpha)
-        markers.text("name", number, poses.frame, position, name, alpha)
+        markers.text("name", number, poses.frame, position, robot.name, alpha)
         markers.line("trail", number, poses.frame, _trail(poses, at), color)
         if poses.covariance is not None:
             axes, angle = _ellipse(poses.covariance[rows, :2, :2])
             markers.disc("covariance", number, poses.frame, position, angle, axes, color, alpha)
-        truth = self.recording.truth.get(name, poses)
+        truth = self.recording.truth.get(robot.name, poses)
         if truth is not poses and truth.frame == poses.frame and truth.stamp.size > 0:
             markers.line("truth", number, truth.frame, _trail(truth, at), np.array(GREY))
+        return position
 
-    def place(self, name: str, at: Stamps) -> tuple[str, Floats] | None:
-        """Frame and positions (k, 2) of a robot, or None where nobody knows."""
-        robot = self.recording.team.robots[self.recording.team.index(name)]
-        if name in self.drawn:
-            poses = self.drawn[name]
-            rows = _latest(poses.stamp, at)
-            return poses.frame, np.stack([poses.x[rows], poses.y[rows]], axis=-1)
-        position, frame = robot.position, WORLD
-        truth = self.recording.truth.get(name)
-        if position is None and truth is not None and truth.stamp.size > 0:
-            position, frame = (float(truth.x[0]), float(truth.y[0])), truth.frame
-        if position is None or frame not in {poses.frame for poses in self.drawn.values()}:
-            return None
-        return frame, np.broadcast_to(position, (at.size, 2))
+    def fixed(self, robot: Robot) -> tuple[float, float] | None:
+        """Where a static robot stands in `frame`, or None where nobody knows."""
+        truth = self.recording.truth.get(robot.name)
+        if robot.static and robot.position is not None and self.frame == WORLD:
+            return robot.position
+        if robot.static and truth is not None and truth.frame == self.frame and truth.x.size > 0:
+            return float(truth.x[0]), float(truth.y[0])
+        return None
 
-    def links(self, markers: Markers) -> None:
-        """A line per pair that measured a range within FRESH, coloured by the filter's verdict."""
-        at = markers.at
-        points: dict[str, list[Floats]] = {}
-        colors: dict[str, list[Floats]] = {}
-        for pair in self.pairs:
-            ends = [self.place(name, at) for name in pair.ends]
-            if ends[0] is None or ends[1] is None or ends[0][0] != ends[1][0]:
-                continue
-            rows = _latest(pair.stamp, at)
-            fresh = (pair.stamp[rows] <= at) & (at - pair.stamp[rows] < FRESH)
-            color = np.column_stack([pair.color[rows], 0.8 * fresh])
-            points.setdefault(ends[0][0], []).extend([ends[0][1], ends[1][1]])
-            colors.setdefault(ends[0][0], []).extend([color, color])
-        for number, frame in enumerate(points):
-            markers.links(
-                "range",
-                number,
-                frame,
-                np.stack(points[frame], axis=1),
-                np.stack(colors[frame], axis=1),
-            )
+    def links(self, markers: Markers, places: Floats) -> None:
+        """The last ranges before each scene, coloured by the filter's verdict on them.
+
+        `places` (robots, k, 2) is NaN where a robot cannot be drawn.
+        """
+        table, at = _ranges(self.recording), markers.at
+        slot = np.arange(min(self.slots, MOST_LINKS))
+        wanted = np.searchsorted(table.stamp, at, side="right")[:, None] - 1 - slot
+        rows = np.maximum(wanted, 0)
+        scenes = np.arange(at.size)[:, None]
+        first, second = places[table.source[rows], scenes], places[table.target[rows], scenes]
+        known = np.isfinite(first + second).all(axis=-1)
+        shown = known & (wanted >= 0) & (at[:, None] - table.stamp[rows] < FRESH)
+        color = np.empty((*rows.shape, 4))
+        color[..., :3] = GREY
+        if isinstance(table, Innovations):
+            color[..., :3] = np.where(table.accepted[rows][..., None], ACCEPTED, REJECTED)
+        color[..., 3] = np.where(shown, 0.8, 0.0)
+        ends = np.where(known[..., None, None], np.stack([first, second], axis=2), 0.0)
+        points = ends.reshape(at.size, 2 * slot.size, 2)
+        markers.links("range", 0, self.frame, points, np.repeat(color, 2, axis=1))
 
 
 def _latest(stamp: Stamps, at: Stamps) -> NDArray[np.int64]:

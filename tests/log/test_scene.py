@@ -131,19 +131,23 @@ def test_links_tell_what_the_filter_made_of_each_pair(synthetic, shown):
     _, scenes = shown(recording)
     links = by_name(scenes[4][1])["range", 0]
     assert links.type == LINE_LIST
-    assert len(links.points) == len(links.colors) == 6
     table = recording.innovations
-    ends = {(p.x, p.y) for p in links.points}
-    assert (0.0, 0.0) in ends
-    assert (recording.estimate["R1"].x[40], recording.estimate["R1"].y[40]) in ends
-    of_pair = np.flatnonzero(
-        (np.minimum(table.source, table.target) == 0)
-        & (np.maximum(table.source, table.target) == 2)
-    )
-    before = of_pair[table.stamp[of_pair] <= scenes[4][0]]
-    color = scene.ACCEPTED if table.accepted[before[-1]] else scene.REJECTED
-    first = links.colors[0]
-    assert (first.r, first.g, first.b) == pytest.approx(color, abs=1e-6)
+    last = np.flatnonzero(table.stamp <= scenes[4][0])[-6:][::-1]
+    assert len(links.points) == len(links.colors) == 2 * last.size
+    for row, (a, b), color in zip(
+        last,
+        zip(links.points[::2], links.points[1::2], strict=True),
+        links.colors[::2],
+        strict=True,
+    ):
+        at = int(np.searchsorted(recording.estimate["R1"].stamp, scenes[4][0]))
+        for end, point in ((table.source[row], a), (table.target[row], b)):
+            robot = recording.team.robots[end]
+            track = recording.estimate.get(robot.name)
+            place = robot.position if track is None else (track.x[at], track.y[at])
+            assert (point.x, point.y) == pytest.approx(place)
+        expected = scene.ACCEPTED if table.accepted[row] else scene.REJECTED
+        assert (color.r, color.g, color.b, color.a) == pytest.approx((*expected, 0.8), abs=1e-6)
 
 
 def test_a_link_without_a_recent_range_vanishes(synthetic, shown):
@@ -163,6 +167,12 @@ def test_relative_estimates_are_shown_in_their_own_frame(synthetic, shown, moved
     assert {m.transforms[0].header.frame_id for _, m in transforms} == {"R1/base_link"}
     assert {m.header.frame_id for m in scenes[0][1].markers} == {"R1/base_link"}
     assert {m.ns for m in scenes[0][1].markers} == {"robot", "name", "trail", "covariance", "range"}
+
+
+def test_a_large_team_costs_no_more_messages_than_ten_robots(synthetic, shown):
+    transforms, scenes = shown(synthetic(n=200, moving=20))
+    assert len(scenes) == 10
+    assert len(transforms) == 20 * 100
 
 
 def test_a_scene_is_cheap(synthetic):
