@@ -8,53 +8,34 @@ import numpy as np
 
 from clt.sim.rng import Purpose, stream
 from clt.sim.scenario import Scenario
-from clt.sim.settings import Circle, Pose, Segments, Stand, Wander
+from clt.sim.settings import Circle, Pose, Segments, Wander
 from clt.sim.team import Member
 from clt.sim.trajectory import Floats, Path, drive, refined
 from clt.sim.trig import cos_sin
 from clt.sim.wander import wander
 
-Kind = Wander | Segments | Circle | Stand
-
 
 def paths(scenario: Scenario, team: Sequence[Member]) -> dict[str, Path]:
     """Paths over the scenario's duration by robot name; static robots have none."""
     moving = [member for member in team if not member.robot.static]
-    groups: dict[Kind, list[Member]] = {}
-    for member in moving:
-        own = member.table.trajectory
-        groups.setdefault(scenario.trajectory if own is None else own, []).append(member)
-    found: dict[str, Path] = {}
-    for kind, group in groups.items():
-        if isinstance(kind, Wander):
-            driven = _wandering(scenario, kind, group)
-        else:
-            driven = [_steered(scenario, kind, member, len(moving)) for member in group]
-        found |= {member.robot.name: path for member, path in zip(group, driven, strict=True)}
-    return found
+    return {member.robot.name: _path(scenario, member, len(moving)) for member in moving}
 
 
-def _wandering(scenario: Scenario, kind: Wander, group: Sequence[Member]) -> list[Path]:
-    """Random drives, one random stream per robot."""
-    starts = [_start(scenario, member) for member in group]
-    draws = [stream(scenario.seed, Purpose.WANDER, member.order) for member in group]
-    return wander(kind, scenario.team.area, scenario.duration, starts, draws)
-
-
-def _steered(scenario: Scenario, kind: Segments | Circle | Stand, member: Member, n: int) -> Path:
-    """A prescribed drive of one of n moving robots."""
-    start = _start(scenario, member)
-    end = scenario.duration
+def _path(scenario: Scenario, member: Member, n: int) -> Path:
+    """The drive of one of n moving robots: its own kind, else the team's."""
+    kind = scenario.trajectory if member.table.trajectory is None else member.table.trajectory
+    start, end = _start(scenario, member), scenario.duration
+    if isinstance(kind, Wander):
+        draw = stream(scenario.seed, Purpose.WANDER, member.order)
+        return wander(kind, scenario.team.area, end, start, draw)
+    if isinstance(kind, Segments):
+        return drive(*refined(*_segments(kind, end)), start)
+    v, omega = 0.0, 0.0
     if isinstance(kind, Circle):
-        omega = kind.speed / kind.radius * (1.0 if kind.turn == "left" else -1.0)
+        v, omega = kind.speed, kind.speed / kind.radius * (1.0 if kind.turn == "left" else -1.0)
         if member.table.start is None:
             start = _on_circle(scenario, kind, 2.0 * np.pi * member.order / n)
-        knots = (np.array([0.0, end]), np.full(2, kind.speed), np.full(2, omega))
-    elif isinstance(kind, Segments):
-        knots = _segments(kind, end)
-    else:
-        knots = (np.array([0.0, end]), np.zeros(2), np.zeros(2))
-    return drive(*refined(*knots), start)
+    return drive(*refined(np.array([0.0, end]), np.full(2, v), np.full(2, omega)), start)
 
 
 def _segments(kind: Segments, end: float) -> tuple[Floats, Floats, Floats]:

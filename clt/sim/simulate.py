@@ -221,9 +221,12 @@ def _transport(
     scenario: Scenario, stamps: Stamps, key: tuple[int, ...]
 ) -> tuple[Stamps, NDArray[np.bool_]]:
     """When each message reaches the recorder (ns) and which ones do, shape (n,)."""
-    network = scenario.network
-    late = stream(scenario.seed, Purpose.DELAY, *key).standard_normal(len(stamps))
-    delay = np.maximum(network.delay_mean + network.delay_sd * late, 0.0)
-    arrived = stream(scenario.seed, Purpose.LOSS, *key).random(len(stamps)) >= network.loss
-    late_by: Stamps = np.rint(delay * SECOND).astype(np.int64)
-    return EPOCH + stamps + late_by, arrived
+    network, n = scenario.network, len(stamps)
+    log_time, arrived = EPOCH + stamps, np.ones(n, np.bool_)
+    if network.delay_mean > 0.0 or network.delay_sd > 0.0:
+        late = stream(scenario.seed, Purpose.DELAY, *key).standard_normal(n)
+        delay = np.maximum(network.delay_mean + network.delay_sd * late, 0.0)
+        log_time += np.rint(delay * SECOND).astype(np.int64)
+    if network.loss > 0.0:
+        arrived = stream(scenario.seed, Purpose.LOSS, *key).random(n) >= network.loss
+    return log_time, arrived
