@@ -14,6 +14,8 @@ LITTLE = 0.9
 """A matched share under this is a warning."""
 RARE = 0.01
 """Share of singular covariances that needs no word, e.g. of a start that is known exactly."""
+MOST = 0.5
+"""An estimate that is off and has fewer errors than this share inside 3 sigma has diverged."""
 
 
 def missing(
@@ -37,6 +39,24 @@ def missing(
     if len({track.frame for track in truth.values()}) > 1:
         frames = ", ".join(dict.fromkeys(track.frame for track in truth.values()))
         warnings.append(Warned(f"the truth stands in several frames ({frames}), taken as one"))
+    return warnings
+
+
+def diverged(estimate: Side, baseline: Side) -> list[Warned]:
+    """Estimates worse than dead reckoning; diverged if their own 3 sigma deny it as well."""
+    warnings: list[Warned] = []
+    for name, figures in estimate.scores.items():
+        plain = baseline.scores.get(name)
+        if plain is None or figures.ape.rmse <= plain.ape.rmse:
+            continue
+        text = (
+            f"{name}: the estimate ({figures.ape.rmse:.3g} m) is worse than dead reckoning "
+            f"({plain.ape.rmse:.3g} m)"
+        )
+        inside = 1.0 if figures.inside is None else min(figures.inside.values())
+        if inside < MOST:
+            text += f" and {100 * (1 - inside):.0f} % of its errors exceed 3 sigma: it diverged"
+        warnings.append(Warned(text, partial=inside < MOST))
     return warnings
 
 

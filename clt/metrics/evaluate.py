@@ -9,7 +9,7 @@ from clt.errors import CltError
 from clt.metrics.align import Align, Transform
 from clt.metrics.associate import Matched, associate
 from clt.metrics.consistency import all_nis, pair_nis
-from clt.metrics.doubts import doubts, missing
+from clt.metrics.doubts import diverged, doubts, missing
 from clt.metrics.errors import Delta
 from clt.metrics.evaluation import EvaluateOptions, Evaluation, Side
 from clt.metrics.register import Scene, choose, mirrors, register
@@ -65,6 +65,7 @@ def evaluate(recording: Recording, options: EvaluateOptions | None = None) -> Ev
             *unaligned,
             *missing(recording.team, truth, estimates, targets),
             *doubts([name for name in estimates if name in targets], estimate),
+            *diverged(estimate, dead_reckoning),
             *([] if mirror is None else [mirror]),
         ),
     )

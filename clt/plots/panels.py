@@ -160,8 +160,9 @@ def innovations(axes: Axes, recording: Recording, evaluation: Evaluation) -> Non
     total = evaluation.all_pairs
     if total is not None:
         nis = "" if total.nis is None else f", mean NIS {total.nis:.2f}"
+        refused_count = round(total.rejected * total.count)
         axes.set_title(
-            f"Range innovations / sigma{nis}, {100 * total.rejected:.1f} % rejected (red)"
+            f"Range innovations / sigma{nis}, {refused_count} of {total.count} rejected (red)"
         )
 
 

@@ -324,6 +324,22 @@ def test_dead_reckoning_that_cannot_be_aligned_follows_the_estimate(synthetic):
     assert evaluation.dead_reckoning.transforms == evaluation.estimate.transforms
 
 
+def test_estimates_worse_than_dead_reckoning_are_said(synthetic):
+    recording = synthetic()
+    far = {name: replace(t, x=t.x + 50.0) for name, t in recording.estimate.items()}
+    evaluation = evaluate(replace(recording, estimate=far))
+    assert "R1: the estimate (50 m) is worse than dead reckoning" in texts(evaluation)
+    assert texts(evaluation).count("it diverged") == 3
+    assert all(warned.partial for warned in evaluation.warnings)
+    unsure = {
+        name: replace(t, covariance=1e4 * np.tile(np.eye(3), (600, 1, 1)))
+        for name, t in far.items()
+    }
+    evaluation = evaluate(replace(recording, estimate=unsure))
+    assert "worse than dead reckoning" in texts(evaluation)
+    assert not any(warned.partial for warned in evaluation.warnings)
+
+
 def test_rpe_of_a_log_shorter_than_delta_is_null(synthetic):
     evaluation = evaluate(synthetic(n=10), EvaluateOptions(delta=Delta(60.0, "s")))
     assert evaluation.as_dict("x")["robots"]["R1"]["estimate"]["rpe"] is None
