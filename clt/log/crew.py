@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,8 +15,10 @@ from clt.log.metadata import TEAM, decode_team
 from clt.log.ranging import Measured
 from clt.log.reader import Log
 from clt.log.roles import Roles, natural, role_of
-from clt.log.streamsfile import StreamsFile
 from clt.streams import Robot, Team
+
+if TYPE_CHECKING:
+    from clt.log.streamsfile import StreamsFile  # pydantic is slow to import
 
 
 def told(log: Log) -> Team | None:

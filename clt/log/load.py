@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from clt.errors import LogError, UsageError
+from clt.errors import LogError
 from clt.log import convert, crew, ranging
 from clt.log.metadata import RUN
 from clt.log.reader import Log, Topic, read
 from clt.log.roles import ALL, Roles, by_file, by_name, role_of
-from clt.log.streamsfile import StreamsFile, read_streams
-from clt.settings import nearest
 from clt.streams import Recording, no_ranges
+
+if TYPE_CHECKING:
+    from clt.log.streamsfile import StreamsFile
 
 __all__ = ["ALL", "LoadedLog", "load"]
 
@@ -41,16 +43,22 @@ def load(path: Path, streams: Path | None = None, want: frozenset[str] = ALL) ->
     what a log lacks is simply absent. Faults of the data are counted in `Recording.faults`.
     Raises LogError where the log as a whole cannot be used, UsageError for a wrong streams file.
     """
-    mapped = None if streams is None else read_streams(streams)
+    mapped = None if streams is None else _streams_file(streams)
     log = read(path, lambda topic, _: _wanted(topic, mapped, want))
     _check_readable(log)
     roles = by_name(log.topics, want) if mapped is None else by_file(mapped, want)
     if mapped is not None:
-        _check_topics(log, mapped, str(streams))
+        mapped.check(log.topics, f"{streams}: {log.name}")
     recording = _recording(log, roles, mapped)
     return LoadedLog(
         recording, log.sha256, log.name, log.header.profile, log.header.library, log.topics
     )
+
+
+def _streams_file(path: Path) -> StreamsFile:
+    from clt.log.streamsfile import read_streams  # noqa: PLC0415 - pydantic is slow to import
+
+    return read_streams(path)
 
 
 def _wanted(topic: str, mapped: StreamsFile | None, want: frozenset[str]) -> bool:
@@ -105,14 +113,6 @@ def _check_readable(log: Log) -> None:
         f"{log.name}: profile `{log.header.profile}` with {'/'.join(kinds) or 'unnamed'} messages "
         f"({'/'.join(told) or 'no'} schemas); clt reads profile `ros2`: cdr with ros2msg schemas"
     )
-
-
-def _check_topics(log: Log, mapped: StreamsFile, source: str) -> None:
-    """Raise UsageError for a topic that the log does not have."""
-    for topic in sorted(mapped.topics):
-        if topic not in log.topics:
-            hint = nearest(topic, log.topics)
-            raise UsageError(f"{source}: {log.name} has no topic `{topic}`{hint}")
 
 
 def _list(log: Log) -> str:

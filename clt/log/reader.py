@@ -5,11 +5,10 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 from clt.errors import LogError
-from clt.log import ordinary, template
+from clt.log import template
 from clt.log.faults import Faults
 from clt.log.gathered import Gathered
 from clt.log.msgdef import DefinitionError, Struct, parse, short
@@ -87,8 +86,13 @@ class Log:
         struct, messages = self.struct(topic), self.messages(topic)
         schema = self.topics[topic].channels[0].schema
         text = "" if schema is None else schema.data.decode("utf-8")
-        slow = partial(ordinary.decode, struct=struct, text=text, paths=paths)
-        return messages, template.decode(messages, struct, paths, slow)
+
+        def ordinary(rest: Messages) -> template.Decoded:
+            from clt.log import ordinary as slow  # noqa: PLC0415 - seldom needed, slow to import
+
+            return slow.decode(rest, struct, text, paths)
+
+        return messages, template.decode(messages, struct, paths, ordinary)
 
 
 def read(path: Path, want: Callable[[str, str], bool]) -> Log:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from clt.log.streamsfile import StreamsFile
+if TYPE_CHECKING:
+    from clt.log.streamsfile import StreamsFile  # pydantic is slow to import
 
 Role = Literal["odometry", "ranges", "truth", "estimate", "dead_reckoning", "innovations"]
 ALL: frozenset[str] = frozenset(

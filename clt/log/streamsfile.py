@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from clt.errors import UsageError
 from clt.log.metadata import NAME
-from clt.settings import Settings, parse, read_toml
+from clt.settings import Settings, nearest, parse, read_toml
 from clt.streams import Twist
 
 StampFrom = Literal["header", "log_time"]
@@ -101,6 +103,12 @@ class StreamsFile(Settings):
         named = [topic for robot in robots for topic in (robot.odometry, robot.ground_truth)]
         named += [entry.topic for entry in self.ranges]
         return frozenset(topic for topic in named if topic is not None)
+
+    def check(self, topics: Collection[str], place: str) -> None:
+        """Raise UsageError for a named topic that is not among `topics`."""
+        for topic in sorted(self.topics):
+            if topic not in topics:
+                raise UsageError(f"{place} has no topic `{topic}`{nearest(topic, topics)}")
 
 
 def read_streams(path: Path) -> StreamsFile:

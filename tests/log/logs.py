@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 from io import BytesIO
 
-import pytest
 from mcap.writer import CompressionType, IndexType, Writer
 
 from clt.log.schemas import ros2msg
@@ -79,8 +78,8 @@ def write_log(
     writer.start(profile=profile, library="tests")
     rows = []
     schemas = {}
-    for topic, (kind, messages) in topics.items():
-        kind = TYPES.get(kind, kind)
+    for topic, (short, messages) in topics.items():
+        kind = TYPES.get(short, short)
         if kind not in schemas:
             schemas[kind] = writer.register_schema(kind, "ros2msg", ros2msg(kind).encode())
         channel = writer.register_channel(topic, "cdr", schemas[kind])
@@ -95,7 +94,6 @@ def write_log(
     return stream.getvalue()
 
 
-@pytest.fixture
 def small_log() -> bytes:
     """Two robots, 2 s: 200 ranges, 80 odometry samples, truth of one; several zstd chunks."""
     second = 10**9
