@@ -140,18 +140,22 @@ def parse(model: type[S], data: Mapping[str, Any], source: str) -> S:
 def _place(model: type[BaseModel], path: Sequence[int | str]) -> tuple[type[BaseModel], list[str]]:
     """The innermost table on pydantic's path of a fault, and the user's keys along it.
 
-    What pydantic adds to name the member of a union is followed, not told; an unknown key is
-    left out.
+    The keys of a mapping are the user's own. What pydantic adds to name the member of a union is
+    followed, not told; an unknown key is left out.
     """
     keys: list[str] = []
     kinds: list[type[BaseModel]] = []
+    free = False
     for part in path:
         tagged = [kind for kind in kinds if _has_tag(kind, part)]
-        if isinstance(part, int):
+        if isinstance(part, int) or free:
             keys.append(str(part))
+            free = False
         elif part in model.model_fields:
             keys.append(part)
-            kinds = _models(model.model_fields[part].annotation)
+            annotation = model.model_fields[part].annotation
+            free = get_origin(annotation) in {dict, Mapping}
+            kinds = _models(annotation)
             model = kinds[0] if len(kinds) == 1 else model
         elif len(tagged) == 1:
             model, kinds = tagged[0], []
