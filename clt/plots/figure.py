@@ -93,7 +93,7 @@ def subtitle(recording: Recording, evaluation: Evaluation) -> str:
     if team is not None:
         parts.append(f"{team.matched} poses ({100 * team.share:.4g} % of the truth)")
         if team.anees is not None:
-            parts.append(f"ANEES {team.anees.value:.2f} (3 expected)")
+            parts.append(f"ANEES {team.anees.value:.3g} (3 expected)")
     if evaluation.mirror:
         parts.append("MIRRORED")
     return "   \N{MIDDLE DOT}   ".join(parts)

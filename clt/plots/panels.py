@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from clt.metrics.associate import SECOND, Matched
-from clt.metrics.evaluation import Evaluation
+from clt.metrics.associate import SECOND
+from clt.metrics.evaluation import Evaluation, Side
 from clt.plots.style import ALARM, GREY, INK, colour, quiet
 from clt.plots.thin import broken, envelope, every
-from clt.streams import Floats, Innovations, Recording, Stamps
+from clt.streams import Floats, Innovations, Poses, Recording, Stamps
 
 NAMED = 8
 """With more robots, names would hide the picture."""
@@ -33,15 +35,17 @@ def painted(recording: Recording, evaluation: Evaluation) -> dict[str, str]:
 def trajectories(axes: Axes, recording: Recording, evaluation: Evaluation) -> None:
     """Truth dashed, estimate in colour, dead reckoning grey, static robots as squares."""
     colours = painted(recording, evaluation)
-    for name, matched in evaluation.dead_reckoning.tracks.items():
-        if name in colours:
-            _path(axes, matched, matched.estimate, color=GREY, linewidth=0.7, zorder=1)
+    for name in evaluation.dead_reckoning.tracks:
+        if name in colours:  # it may leave the picture
+            track = _full(recording.dead_reckoning, evaluation.dead_reckoning, name, evaluation)
+            _path(axes, *track, color=GREY, linewidth=0.7, zorder=1)
     for name, shade in colours.items():
+        stamp, points = _full(recording.estimate, evaluation.estimate, name, evaluation)
         matched = evaluation.estimate.tracks[name]
-        _path(axes, matched, matched.estimate, color=shade, linewidth=1.5, zorder=3)
-        _path(axes, matched, matched.truth, color=INK, linewidth=0.8, dashes=(5, 4), zorder=4)
-        for rows in (matched.truth, matched.estimate):  # dead reckoning may leave the picture
-            axes.update_datalim(rows[:, :2])
+        _path(axes, stamp, points, color=shade, linewidth=1.5, zorder=3)
+        truth = matched.truth[:, :2]
+        _path(axes, matched.stamp, truth, color=INK, linewidth=0.8, dashes=(5, 4), zorder=4)
+        axes.update_datalim(np.concatenate([points, truth]))
     for name, shade in colours.items():
         x, y = evaluation.estimate.tracks[name].truth[0, :2]
         axes.plot(x, y, "o", color=shade, markersize=6.5, markeredgecolor="white", zorder=6)
@@ -60,9 +64,24 @@ def trajectories(axes: Axes, recording: Recording, evaluation: Evaluation) -> No
     _key(axes, static=not evaluation.relative and len(recording.team.static) > 0)
 
 
-def _path(axes: Axes, matched: Matched, rows: Floats, **look: object) -> None:
-    kept = every(len(rows), POINTS)
-    x, y = broken(matched.stamp[kept], rows[kept, :2], LONG).T
+def _full(
+    tracks: Mapping[str, Poses], side: Side, name: str, evaluation: Evaluation
+) -> tuple[Stamps, Floats]:
+    """Stamps and aligned positions: all there are, not only where the truth is.
+
+    Relative positions only where they were matched.
+    """
+    if evaluation.relative:
+        return side.tracks[name].stamp, side.tracks[name].estimate[:, :2]
+    track = tracks[name]
+    points = np.column_stack([track.x, track.y])
+    good = np.all(np.isfinite(points), axis=1)
+    return track.stamp[good], side.transforms[name].points(points[good])
+
+
+def _path(axes: Axes, stamp: Stamps, points: Floats, **look: object) -> None:
+    kept = every(len(points), POINTS)
+    x, y = broken(stamp[kept], points[kept], LONG).T
     axes.add_line(Line2D(x, y, **look))  # type: ignore[arg-type]
 
 
@@ -137,7 +156,8 @@ def heading_error(axes: Axes, recording: Recording, evaluation: Evaluation) -> N
                 _line(axes, matched.stamp, side, evaluation, color=shade, lw=0.8, linestyle=":")
     axes.set(title="Heading error, dotted: 3 sigma", ylabel="degrees")
     if len(tops) > 0:
-        axes.set_ylim(-_top(tops), _top(tops))
+        top = min(_top(tops), 190.0)
+        axes.set_ylim(-top, top)
     else:
         _say(axes, "no true heading")
     quiet(axes)
@@ -146,7 +166,7 @@ def heading_error(axes: Axes, recording: Recording, evaluation: Evaluation) -> N
 def innovations(axes: Axes, recording: Recording, evaluation: Evaluation) -> None:
     """Residuals of the ranges in units of their predicted sigma, the refused ones in red."""
     table = recording.innovations
-    axes.set(title="Range innovations / sigma", xlabel="time in s")
+    axes.set(title="Innovations / sigma", xlabel="time in s")
     quiet(axes)
     if table is None or len(table.stamp) == 0:
         _say(axes, "no innovations in this log")
@@ -159,10 +179,10 @@ def innovations(axes: Axes, recording: Recording, evaluation: Evaluation) -> Non
     axes.set_ylim(-1.1 * largest, 1.1 * largest)
     total = evaluation.all_pairs
     if total is not None:
-        nis = "" if total.nis is None else f", mean NIS {total.nis:.2f}"
+        nis = "" if total.nis is None else f"; NIS {total.nis:.2f}"
         refused_count = round(total.rejected * total.count)
         axes.set_title(
-            f"Range innovations / sigma{nis}, {refused_count} of {total.count} rejected (red)"
+            f"Innovations / sigma{nis}; {refused_count} of {total.count} ranges rejected (red)"
         )
 
 
