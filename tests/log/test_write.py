@@ -252,6 +252,14 @@ def test_the_data_section_has_a_crc():
     assert stated == zlib.crc32(data[:end])
 
 
+def test_the_summary_has_a_crc():
+    data = written(some())
+    footer = len(data) - 8 - 20
+    begin = int.from_bytes(data[footer : footer + 8], "little")
+    stated = int.from_bytes(data[footer + 16 : footer + 20], "little")
+    assert stated == zlib.crc32(data[begin : footer + 16])
+
+
 def test_times_before_zero_are_refused():
     channel = channel_of_bytes("/a", SCHEMAS[0], np.array([-1]), [b"x"])
     with pytest.raises(LogError, match="log time -1 ns"):
