@@ -1,0 +1,115 @@
+import pytest
+
+from clt.errors import UsageError
+from clt.settings import known_keys, literal
+from clt.sim.scenario import Scenario, built_in, effective_toml, load_scenario
+
+
+def refused(overrides):
+    with pytest.raises(UsageError) as caught:
+        load_scenario("shi-sim", overrides)
+    return str(caught.value)
+
+
+def test_built_ins_load_and_describe_themselves():
+    assert "shi-sim" in built_in()
+    for name in built_in():
+        scenario = load_scenario(name)
+        assert scenario.name == name
+        assert len(scenario.description) > 10
+
+
+@pytest.mark.parametrize("key", known_keys(Scenario))
+def test_a_misspelt_key_is_refused_wherever_it_stands(key):
+    kind = {"segments": "segments", "ramp": "segments", "repeat": "segments", "radius": "circle",
+            "turn": "circle"}.get(key.removeprefix("trajectory."), "wander")  # fmt: skip
+    table = {"kind": kind} | ({"segments": [SEGMENT]} if kind == "segments" else {})
+    leaf = key.rsplit(".", maxsplit=1)[-1]
+    text = refused({"trajectory": table, f"{key}x": 1})
+    assert text == f"options: unknown key `{key}x`, did you mean `{leaf}`?"
+
+
+SEGMENT = {"duration": 1.0, "v": 0.5, "omega": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("overrides", "text"),
+    [
+        ({"robots": [{"name": "A", "statc": True}]}, "unknown key `robots.0.statc`"),
+        ({"robots": [{"name": "A"}, {"name": "A"}]}, "two robots share a name"),
+        ({"robots": [{"name": "1A"}]}, "`robots.0.name`: String should match"),
+        ({"robots": [{"name": "A", "position": [0, 0]}]}, "A moves: it has a start"),
+        ({"robots": [{"name": "A", "static": True, "start": [0, 0, 0]}]}, "A is static"),
+        ({"team.area": [3, 0, 1, 1]}, "area is [xmin, ymin, xmax, ymax]"),
+        ({"team.moving": 0}, "greater than or equal to 1"),
+        ({"duration": 0}, "`duration`: Input should be greater than 0"),
+        ({"duration": float("nan")}, "`duration`: Input should be a finite number"),
+        ({"seed": -1}, "`seed`"),
+        ({"outliers.share": 1.1}, "`outliers.share`"),
+        ({"network.delay_mean": -0.1}, "`network.delay_mean`"),
+        ({"sensors.range.rate": 0}, "`sensors.range.rate`"),
+        ({"sensors.odometry.twist": "average"}, "`sensors.odometry.twist`"),
+        ({"trajectory": {"kind": "segments", "segments": []}}, "`trajectory.segments`"),
+        (
+            {"trajectory": {"kind": "segments", "segments": [SEGMENT], "ramp": 2.0}},
+            "ramp is longer than a segment",
+        ),
+        ({"trajectory.kind": "flying"}, "'flying'"),
+    ],
+)
+def test_bad_scenarios_are_refused_in_one_line(overrides, text):
+    found = refused(overrides)
+    assert text in found
+    assert "\n" not in found
+
+
+def test_precedence(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('name = "mine"\nduration = 5\nseed = 3\n[team]\nmoving = 2\nstatic = 1\n')
+    assert load_scenario(str(path)).seed == 3
+    assert load_scenario(str(path), environment={"seed": 4}).seed == 4
+    assert load_scenario(str(path), {"seed": 5}, {"seed": 4, "duration": 6}).seed == 5
+    assert load_scenario(str(path), {"seed": 5}, {"seed": 4, "duration": 6}).duration == 6.0
+
+
+def test_faults_name_their_origin(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('name = "mine"\nduration = 5\n[team]\nmoving = 2\n')
+    with pytest.raises(UsageError, match=r"mine\.toml: `team\.static`: Field required"):
+        load_scenario(str(path))
+    with pytest.raises(UsageError, match=r"^environment: `seed`"):
+        load_scenario("shi-sim", environment={"seed": -1})
+
+
+@pytest.mark.parametrize(
+    ("source", "text"),
+    [
+        ("shi_sim", "shi_sim: no such scenario, did you mean `shi-sim`?"),
+        ("zzzzzz", "zzzzzz: no such scenario; known: "),
+        ("none.toml", "none.toml: no such scenario file"),
+        ("no/where", "no/where: no such scenario file"),
+    ],
+)
+def test_no_such_scenario(source, text):
+    with pytest.raises(UsageError) as caught:
+        load_scenario(source)
+    assert str(caught.value).startswith(text)
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        {},
+        {"sensors.range.pairs": [["R1", "R3"]], "sensors.range.max_range": 5.0},
+        {"trajectory": {"kind": "segments", "segments": [SEGMENT, SEGMENT], "repeat": True}},
+        {"robots": [{"name": "A", "start": [1, 2, 3], "trajectory": {"kind": "circle"}},
+                    {"name": "B", "static": True, "position": [1, 1]}]},
+        {"description": literal('"quotes \\" and lines \\n"'), "seed": 2**62 + 1},
+        {"sensors.range.sigma": 0.1 + 0.2, "outliers.mean": 1e-17},
+    ],
+)  # fmt: skip
+def test_effective_toml_is_the_scenario(overrides, tmp_path):
+    scenario = load_scenario("shi-sim", overrides)
+    path = tmp_path / "effective.toml"
+    path.write_bytes(effective_toml(scenario).encode())
+    assert load_scenario(str(path)) == scenario

@@ -1,0 +1,161 @@
+from typing import Annotated, Literal
+
+import pytest
+from pydantic import Field
+
+from clt.errors import UsageError
+from clt.settings import (
+    Settings,
+    assign,
+    assignments,
+    from_environment,
+    known_keys,
+    literal,
+    nearest,
+    parse,
+    read_toml,
+)
+
+
+class Round(Settings):
+    kind: Literal["round"] = "round"
+    radius: float = 1.0
+
+
+class Square(Settings):
+    kind: Literal["square"] = "square"
+    side: float = 1.0
+
+
+class Part(Settings):
+    weight: float
+
+
+class Body(Settings):
+    mass: Annotated[float, Field(gt=0.0)] = 1.0
+    count: int = 1
+    shape: Annotated[Round | Square, Field(discriminator="kind")] = Round()
+    parts: tuple[Part, ...] = ()
+    choice: Literal["a", "b"] | tuple[tuple[str, str], ...] = "a"
+
+
+class Top(Settings):
+    name: str = "x"
+    body: Body = Body()
+
+
+def refusal(data):
+    with pytest.raises(UsageError) as caught:
+        parse(Top, data, "here")
+    text = str(caught.value)
+    assert caught.value.code == 2
+    assert "\n" not in text
+    return text
+
+
+@pytest.mark.parametrize(
+    ("data", "text"),
+    [
+        ({"nam": "y"}, "here: unknown key `nam`, did you mean `name`?"),
+        ({"body": {"mas": 1}}, "here: unknown key `body.mas`, did you mean `mass`?"),
+        ({"qqq": 1}, "here: unknown key `qqq`; known: body, name"),
+        (
+            {"body": {"shape": {"kind": "round", "radus": 1}}},
+            "here: unknown key `body.shape.radus`, did you mean `radius`?",
+        ),
+        (
+            {"body": {"shape": {"kind": "square", "radius": 1}}},
+            "here: unknown key `body.shape.radius`; known: kind, side",
+        ),
+        (
+            {"body": {"parts": [{"weight": 1}, {"weight": 1, "weigth": 1}]}},
+            "here: unknown key `body.parts.1.weigth`, did you mean `weight`?",
+        ),
+        ({"body": {"shape": {"radius": 1}}}, "here: `body.shape.kind` is missing"),
+    ],
+)
+def test_unknown_keys_are_refused_with_the_nearest_named(data, text):
+    assert refusal(data) == text
+
+
+@pytest.mark.parametrize(
+    ("data", "start"),
+    [
+        ({"body": {"mass": "heavy"}}, "here: `body.mass`: Input should be a valid number"),
+        ({"body": {"mass": 0}}, "here: `body.mass`: Input should be greater than 0"),
+        ({"body": {"mass": float("nan")}}, "here: `body.mass`: Input should be a finite number"),
+        ({"body": {"mass": float("inf")}}, "here: `body.mass`: Input should be a finite number"),
+        ({"body": {"count": 1.5}}, "here: `body.count`: Input should be a valid integer"),
+        ({"body": 3}, "here: `body`: Input should be a valid dictionary"),
+        ({"body": {"shape": {"kind": "oval"}}}, "here: `body.shape`: Input tag 'oval' found"),
+        (
+            {"body": {"shape": {"kind": "square", "side": "x"}}},
+            "here: `body.shape.side`: Input should be a valid number",
+        ),
+        ({"body": {"choice": "c"}}, "here: `body.choice`: Input should be 'a' or 'b'"),
+        ({"body": {"choice": [["p"]]}}, "here: `body.choice.0.1`: Field required"),
+    ],
+)
+def test_bad_values_name_their_key(data, start):
+    assert refusal(data).startswith(start)
+
+
+def test_known_keys_hold_the_keys_of_every_choice_but_of_no_list():
+    assert set(known_keys(Top)) == {
+        "name", "body", "body.mass", "body.count", "body.shape", "body.shape.kind",
+        "body.shape.radius", "body.shape.side", "body.parts", "body.choice",
+    }  # fmt: skip
+
+
+def test_environment():
+    found = from_environment(
+        Top,
+        ["other.key"],
+        {"CLT_BODY__MASS": "2.5", "CLT_NAME": "word", "CLT_OTHER__KEY": "1", "HOME": "/"},
+    )
+    assert found == {"body.mass": 2.5, "name": "word"}
+    with pytest.raises(UsageError, match=r"CLT_BODY__MAS: .* did you mean `CLT_BODY__MASS`"):
+        from_environment(Top, [], {"CLT_BODY__MAS": "1"})
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("3", 3), ("0.1", 0.1), ("true", True), ("[1, 2]", [1, 2]), ("word", "word"), ("", ""),
+     ('"3"', "3"), ("a b", "a b"), ("{x = 1}", {"x": 1})],
+)  # fmt: skip
+def test_literals(text, value):
+    assert literal(text) == value
+
+
+def test_assignments():
+    assert assignments(["a.b=3", "c = x=y", "a.b=4"]) == {"a.b": 4, "c": "x=y"}
+    for bad in ("a", "=3", " =3"):
+        with pytest.raises(UsageError, match="KEY=VALUE"):
+            assignments([bad])
+
+
+def test_assigning_makes_tables_and_keeps_values():
+    tree = {"a": {"x": 1}, "n": 3}
+    assign(tree, "a.y", 2)
+    assign(tree, "b.c.d", 4)
+    assert tree == {"a": {"x": 1, "y": 2}, "n": 3, "b": {"c": {"d": 4}}}
+    with pytest.raises(UsageError, match="n is not a table"):
+        assign(tree, "n.x", 1)
+
+
+def test_nearest_is_silent_without_known_words():
+    assert nearest("x", []) == ""
+
+
+def test_reading_toml(tmp_path):
+    path = tmp_path / "a.toml"
+    path.write_text("a = 1\nb = = 2\n")
+    with pytest.raises(UsageError, match=r"a\.toml: not valid TOML: .*line 2"):
+        read_toml(path)
+    path.write_bytes(b"a = '\xff'")
+    with pytest.raises(UsageError, match="not valid TOML"):
+        read_toml(path)
+    with pytest.raises(UsageError, match=r"b\.toml: No such file"):
+        read_toml(tmp_path / "b.toml")
+    path.write_text("a = 1")
+    assert read_toml(path) == {"a": 1}
