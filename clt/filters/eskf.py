@@ -9,15 +9,18 @@ process noise is independent of it, the result is that of propagating all.
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from clt.filters import kalman
 from clt.filters.compiled import is_cached, kernel
 from clt.filters.inputs import RangeTable, Segments
 from clt.filters.ranging import antenna, distance
+from clt.filters.reacquisition import fresh_memory, reacquire, remember
 from clt.filters.unicycle import arc, process_noise
 from clt.streams import Floats, Indices, Stamps
 
@@ -25,12 +28,6 @@ BATCH_ROBOTS, BATCH_PER_ROBOT = 12, 6
 """From this many robots and ranges per robot the information form is faster (benchmarks/)."""
 REJECTED, USED = 0, 1
 """Verdicts on a range: outside the gate, fused."""
-SINCE, ACCEPTED, CONTRADICTED, ACCUSER = 0, 1, 2, 3
-"""Columns of a filter's memory: ns, ranges accepted and rejected since then, who disagreed."""
-NOBODY, SEVERAL = -1_000_000, -1_000_001
-"""Who contradicts a robot, where it is not one partner."""
-LOST_HEADING = 1.0
-"""Standard deviation of the heading of a robot that was lost, rad."""
 
 
 class Outputs(NamedTuple):
@@ -153,39 +150,6 @@ def predict_range(
 
 
 @kernel
-def widen(P: Floats, i: int, spread: float) -> None:
-    """Forget where robot i is: position to `spread` m, heading to LOST_HEADING, no correlation."""
-    for r in range(3 * i, 3 * i + 3):
-        for c in range(P.shape[0]):
-            P[r, c] = P[c, r] = 0.0
-    P[3 * i, 3 * i] = P[3 * i + 1, 3 * i + 1] = spread * spread
-    P[3 * i + 2, 3 * i + 2] = LOST_HEADING * LOST_HEADING
-
-
-@kernel
-def fresh_memory(n: int, start: int) -> Indices:
-    """Memory of n robots, shape (n, 4), at the time `start` (ns)."""
-    memory = np.zeros((n, 4), np.int64)
-    memory[:, SINCE], memory[:, ACCUSER] = start, NOBODY
-    return memory
-
-
-@kernel
-def remember(i: int, partner: int, used: bool, memory: Indices) -> None:
-    """Note for robot i that a range with `partner` was accepted or rejected."""
-    if i < 0:
-        return
-    if used:
-        memory[i, ACCEPTED] += 1
-        return
-    memory[i, CONTRADICTED] += 1
-    if memory[i, ACCUSER] == NOBODY:
-        memory[i, ACCUSER] = partner
-    elif memory[i, ACCUSER] != partner:
-        memory[i, ACCUSER] = SEVERAL
-
-
-@kernel
 def innovate(
     x: Floats,
     P: Floats,
@@ -210,38 +174,6 @@ def innovate(
 
 
 @kernel
-def reacquire(
-    P: Floats,
-    ranges: RangeTable,
-    m: int,
-    last: int,
-    residual: Floats,
-    memory: Indices,
-    patience: int,
-) -> bool:
-    """Widen the robots that most of their ranges contradicted over the last `patience` ns.
-
-    Only where several partners did: one alone may be the one that is wrong. Returns whether any
-    robot was lost.
-    """
-    now, any_lost = ranges.stamp[m], False
-    for i in range(memory.shape[0]):
-        if now - memory[i, SINCE] <= patience:
-            continue
-        if memory[i, ACCUSER] == SEVERAL and memory[i, CONTRADICTED] > memory[i, ACCEPTED]:
-            worst = 0.0
-            for k in range(m, last):
-                if ranges.a[k] == i or ranges.b[k] == i:
-                    worst = max(worst, abs(residual[k]))
-            if worst > 0.0:
-                widen(P, i, worst)
-                any_lost = True
-        memory[i, SINCE], memory[i, ACCUSER] = now, NOBODY
-        memory[i, ACCEPTED] = memory[i, CONTRADICTED] = 0
-    return any_lost
-
-
-@kernel
 def fuse(
     x: Floats,
     P: Floats,
@@ -259,8 +191,8 @@ def fuse(
 ) -> None:
     """Correct x and P, in place, with the ranges m .. last - 1 of one instant.
 
-    `memory` counts, per robot, what its ranges said of late. From `large` ranges per robot the information form is used; with None it is not
-    even compiled.
+    `memory` counts, per robot, what its ranges said of late. From `large` ranges per robot the
+    information form is used; with None it is not even compiled.
     """
     H = np.empty((last - m, 6))
     innovate(x, P, lever, ranges, m, last, gate, H, residual, spread, verdict)
@@ -272,9 +204,21 @@ def fuse(
         remember(b, a, used, memory)
     a, b, R = ranges.a[m:last], ranges.b[m:last], ranges.weight_variance[m:last]
     if large is not None and last - m >= large * (x.size // 3):
-        x += kalman.batch(P, a, b, H, residual[m:last], R, verdict[m:last])
+        delta = kalman.batch(P, a, b, H, residual[m:last], R, verdict[m:last])
     else:
-        x += kalman.sequential(P, a, b, H, residual[m:last], R, verdict[m:last])
+        delta = kalman.sequential(P, a, b, H, residual[m:last], R, verdict[m:last])
+    for k in range(x.size):
+        x[k] += delta[k]
+
+
+@kernel
+def read_out(x: Floats, P: Floats, i: int, mean: Floats, covariance: Floats, o: int) -> None:
+    """Copy the pose of robot i, heading in (-pi, pi], and its covariance to output o."""
+    for r in range(3):
+        mean[o, r] = x[3 * i + r]
+        for c in range(3):
+            covariance[o, r, c] = P[3 * i + r, 3 * i + c]
+    mean[o, 2] = math.pi - (math.pi - mean[o, 2]) % (2.0 * math.pi)
 
 
 @kernel
@@ -332,9 +276,7 @@ def eskf(
         while o < O and outputs.stamp[o] == now:
             i = outputs.robot[o]
             advance(x, P, i, now, time, cursor, segments, form)
-            mean[o] = x[3 * i : 3 * i + 3]
-            mean[o, 2] = math.pi - (math.pi - mean[o, 2]) % (2.0 * math.pi)
-            covariance[o] = P[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]
+            read_out(x, P, i, mean, covariance, o)
             o += 1
     for i in range(n):
         advance(x, P, i, now, time, cursor, segments, form)
@@ -357,11 +299,13 @@ def run(
     """Filter one log: joint mean (3n,) and covariance (3n, 3n) at `start` (ns), lever (n, 2).
 
     gate: chi-square bound of one range, 0 for none; reacquire: s; form: of the process noise.
+    Linear algebra runs in one thread: at these sizes a second one costs more than it helps.
     """
     x, P = mean.astype(np.float64).copy(), covariance.astype(np.float64).copy()
     patience = int(reacquire * 1e9)
     large = BATCH_PER_ROBOT if x.size >= 3 * BATCH_ROBOTS else None
-    result = eskf(x, P, start, lever, segments, ranges, outputs, gate, patience, form, large)
+    with threadpool_limits(1, "blas") if large is not None else nullcontext():
+        result = eskf(x, P, start, lever, segments, ranges, outputs, gate, patience, form, large)
     return Run(*result, x, P)
 
 

@@ -10,9 +10,10 @@ from __future__ import annotations
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
-from clt.filters.eskf import REJECTED, USED, Outputs, Run, fresh_memory, remember
-from clt.filters.eskf import reacquire as reacquire_robots
+from clt.filters.eskf import REJECTED, USED, Outputs, Run
 from clt.filters.inputs import RangeTable, Segments
+from clt.filters.reacquisition import fresh_memory, remember
+from clt.filters.reacquisition import reacquire as reacquire_robots
 from clt.filters.unicycle import arc, process_noise
 from clt.geometry import rotation, wrap
 from clt.streams import Floats, Indices

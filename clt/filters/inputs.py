@@ -21,6 +21,8 @@ GAP_CORRELATION = 1.0
 """Seconds over which an unseen twist keeps its value."""
 DEFAULT_SIGMA_V, DEFAULT_SIGMA_OMEGA, DEFAULT_SIGMA_RANGE = 0.1, 0.1, 0.1
 """Assumed, and said, where neither the log nor the user tells. m/s, rad/s, m."""
+LEAST_SIGMA_V, LEAST_SIGMA_OMEGA, LEAST_SIGMA_RANGE = 1e-5, 1e-5, 1e-4
+"""No sensor is believed beyond this, not even one that claims to be perfect."""
 
 
 class Segments(NamedTuple):
@@ -95,6 +97,7 @@ def robot_segments(
         )
         sigma_v = np.where(np.isnan(sigma_v), DEFAULT_SIGMA_V, sigma_v)
         sigma_w = np.where(np.isnan(sigma_w), DEFAULT_SIGMA_OMEGA, sigma_w)
+    sigma_v, sigma_w = np.maximum(sigma_v, LEAST_SIGMA_V), np.maximum(sigma_w, LEAST_SIGMA_OMEGA)
     v, omega = interval_twist(odometry, robot)
     var_v = sigma_v**2 + (noise.slip_v * v) ** 2
     var_w = sigma_w**2 + (noise.slip_omega * omega) ** 2
@@ -212,7 +215,7 @@ def range_table(
             "set noise.sigma_range"
         )
         sigma = np.where(np.isnan(sigma), DEFAULT_SIGMA_RANGE, sigma)
-    variance = sigma**2
+    variance = np.maximum(sigma, LEAST_SIGMA_RANGE) ** 2
     low = np.minimum(ranges.source[row], ranges.target[row])
     high = np.maximum(ranges.source[row], ranges.target[row])
     fixed = np.where(source[row] < 0, ranges.source[row], ranges.target[row])

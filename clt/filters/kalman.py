@@ -80,7 +80,8 @@ def sequential(
     for m in range(residual.size):
         if used[m] == 0:
             continue
-        column[:] = 0.0
+        for c in range(N):
+            column[c] = 0.0
         if a[m] >= 0:
             add_rows(P, a[m], H, m, 0, column)
         if b[m] >= 0:
@@ -98,45 +99,64 @@ def sequential(
 @kernel
 def normal_equations(
     a: Indices, b: Indices, H: Floats, residual: Floats, R: Floats, used: Indices, N: int
-) -> tuple[Floats, Indices]:
-    """[A | g] = H^T R^-1 [H | r] in the columns that H touches, and those columns (T,)."""
+) -> tuple[Floats, Floats, Indices, Indices]:
+    """A = H^T R^-1 H (T, T) and g = H^T R^-1 r (T,) in the columns that H touches.
+
+    Returns also those columns (T,) and the others (N - T,).
+    """
     place = np.full(N, -1)
     for m in range(residual.size):
         for k in range(6):
             if used[m] != 0 and H[m, k] != 0.0:
                 place[index(a[m], b[m], k)] = 0
-    columns = np.flatnonzero(place == 0)
-    for t in range(columns.size):
-        place[columns[t]] = t
-    system = np.zeros((columns.size, columns.size + 1))
+    touched, others = np.flatnonzero(place == 0), np.flatnonzero(place < 0)
+    for t in range(touched.size):
+        place[touched[t]] = t
+    A, g = np.zeros((touched.size, touched.size)), np.zeros(touched.size)
     for m in range(residual.size):
         for k in range(6):
             if used[m] == 0 or H[m, k] == 0.0:
                 continue
             p = place[index(a[m], b[m], k)]
             weight = H[m, k] / R[m]
-            system[p, columns.size] += weight * residual[m]
+            g[p] += weight * residual[m]
             for j in range(6):
                 if H[m, j] != 0.0:
-                    system[p, place[index(a[m], b[m], j)]] += weight * H[m, j]
-    return system, columns
+                    A[p, place[index(a[m], b[m], j)]] += weight * H[m, j]
+    return A, g, touched, others
+
+
+@kernel
+def put_symmetric(P: Floats, rows: Indices, columns: Indices, block: Floats) -> None:
+    """Write a block of P and its mirror image; a block on the diagonal is made symmetric."""
+    for r in range(rows.size):
+        for c in range(columns.size):
+            p, q = rows[r], columns[c]
+            P[q, p] = P[p, q] = block[r, c] if p != q else block[r, r]
 
 
 @kernel
 def batch(
     P: Floats, a: Indices, b: Indices, H: Floats, residual: Floats, R: Floats, used: Indices
 ) -> Floats:
-    """The same in information form: A = H^T R^-1 H, W = (I + A P)^-1 A, P -= P W P.
+    """The same in information form, with A, g of the touched columns t and the others o.
 
-    A is non-zero only in the touched columns, so the solve has their number, mostly 2 of 3.
+    P_t' = (I + P_tt A)^-1 P_t, P_oo' = P_oo - P_ot A P_to', delta = P_t'^T g. The solve has the
+    size of t, two of three columns where no antenna has a lever arm.
     """
-    system, columns = normal_equations(a, b, H, residual, R, used, P.shape[0])
-    T = columns.size
-    P_t = np.ascontiguousarray(P[columns])
-    M = np.ascontiguousarray(system[:, :T]) @ np.ascontiguousarray(P_t[:, columns])
-    for k in range(T):
+    A, g, t, o = normal_equations(a, b, H, residual, R, used, P.shape[0])
+    P_t = P[t]
+    P_to = P_t[:, o]
+    M = P_t[:, t] @ A
+    for k in range(t.size):
         M[k, k] += 1.0
-    solution = np.linalg.solve(M, system)
-    delta = P_t.T @ np.ascontiguousarray(solution[:, T])
-    P -= P_t.T @ (np.ascontiguousarray(solution[:, :T]) @ P_t)
+    P_t = np.linalg.solve(M, P_t)
+    delta = P_t.T @ g
+    P_tt, P_to_new = P_t[:, t], P_t[:, o]
+    put_symmetric(P, t, t, 0.5 * (P_tt + P_tt.T))
+    put_symmetric(P, t, o, P_to_new)
+    P_oo = P_to.T @ (A @ P_to_new)
+    for r in range(o.size):
+        for c in range(o.size):
+            P[o[r], o[c]] -= 0.5 * (P_oo[r, c] + P_oo[c, r])
     return delta

@@ -1,0 +1,132 @@
+"""Speed of the filter and of the whole command, as ratios measured in one run.
+
+    python benchmarks/speed.py [--runs 5] [--out benchmarks/results/speed.md]
+
+1. `clt localize --filter eskf --init truth` as a whole warm process, on a log of five robots
+   (three moving) over 300 s with all pairs at 100 Hz, beside a process in which the official
+   `mcap` reader does nothing but iterate that log's messages. Runs take turns; medians.
+2. The filter alone on shi-sim (300 s, 20 Hz) beside the same filter through filterpy, on the same
+   arrays: best of each.
+3. The filter alone with 50 moving robots and all 1,325 pairs at 20 Hz over 300 s.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from time import perf_counter
+
+from clt.filters import filterpy_engine, world
+from clt.filters.settings import FilterSettings
+from clt.init.truth import from_truth
+from clt.sim.scenario import load_scenario
+from clt.sim.simulate import simulate
+
+ITERATE = """
+import sys
+from mcap.reader import make_reader
+
+with open(sys.argv[1], "rb") as file:
+    print(sum(1 for _ in make_reader(file).iter_messages()))
+"""
+CLT = (sys.executable, "-m", "clt")
+
+
+def wall(*command: str) -> float:
+    """Seconds of one whole process, which must succeed."""
+    begin = perf_counter()
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    return perf_counter() - begin
+
+
+def whole_process(runs: int) -> tuple[float, float]:
+    """Median seconds of `clt localize` and of iterating the same log."""
+    with tempfile.TemporaryDirectory() as folder:
+        log, out = f"{folder}/log.mcap", f"{folder}/out.mcap"
+        wall(*CLT, "simulate", "shi-sim", "--set", "sensors.range.rate=100", "-q", "-o", log)
+        localize = (*CLT, "localize", log, "--filter", "eskf", "--init", "truth", "-q")
+        localize = (*localize, "--force", "-o", out)
+        iterate = (sys.executable, "-c", ITERATE, log)
+        wall(*localize)
+        wall(*iterate)
+        pairs = [(wall(*localize), wall(*iterate)) for _ in range(runs)]
+    ours, theirs = zip(*pairs, strict=True)
+    return statistics.median(ours), statistics.median(theirs)
+
+
+def problem(**overrides: object) -> tuple[world.Problem, FilterSettings]:
+    """A scenario laid out for the filter."""
+    recording = simulate(load_scenario("shi-sim", overrides))
+    settings = FilterSettings()
+    start = from_truth(recording, settings.initial.sigma)
+    return world.pose_problem(recording, start, settings), settings
+
+
+def kernel_seconds(runs: int, **overrides: object) -> tuple[float, world.Problem]:
+    """Best seconds of the compiled filter over a log, compilation excluded."""
+    laid_out, settings = problem(**overrides)
+    world.solve(laid_out, settings)
+    times = []
+    for _ in range(runs):
+        begin = perf_counter()
+        world.solve(laid_out, settings)
+        times.append(perf_counter() - begin)
+    return min(times), laid_out
+
+
+def filterpy_seconds(laid_out: world.Problem, runs: int) -> float:
+    """Best seconds of the same filter through filterpy."""
+    settings = FilterSettings()
+    times = []
+    for _ in range(runs):
+        begin = perf_counter()
+        filterpy_engine.run(
+            laid_out.mean,
+            laid_out.covariance,
+            laid_out.start,
+            laid_out.lever,
+            laid_out.segments,
+            laid_out.ranges,
+            laid_out.outputs,
+            gate=settings.gate,
+            reacquire=settings.reacquire,
+            form=world.FORMS[settings.process],
+        )
+        times.append(perf_counter() - begin)
+    return min(times)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", type=int, default=5)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    ours, theirs = whole_process(options.runs)
+    kernel, laid_out = kernel_seconds(4 * options.runs)
+    filterpy = filterpy_seconds(laid_out, 2)
+    large, _ = kernel_seconds(2, **{"team.moving": 50, "sensors.truth.rate": 1})
+    text = "\n".join(
+        [
+            "| what | clt | beside | ratio |",
+            "|---|---|---|---|",
+            f"| `clt localize`, whole process, 5 robots, 300 s, 100 Hz | {ours:.2f} s | official "
+            f"reader iterating the log: {theirs:.2f} s | {ours / theirs:.2f} of its time |",
+            f"| filter alone, shi-sim, 300 s | {kernel * 1e3:.1f} ms | filterpy: {filterpy:.2f} s "
+            f"| {filterpy / kernel:.0f} x faster |",
+            f"| filter alone, 50 moving robots, 1325 pairs, 20 Hz, 300 s | {large:.2f} s | "
+            f"real time: 300 s | {300 / large:.0f} x faster |",
+            "",
+        ]
+    )
+    print(text)
+    if options.out is not None:
+        options.out.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

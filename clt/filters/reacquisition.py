@@ -1,0 +1,87 @@
+"""When a filter is wrong about a robot: noticing it, and searching for the robot anew.
+
+A gate keeps outliers out, but also the truth once the estimate has gone astray while its
+covariance is small. A robot counts as lost when most of its ranges, with several partners, were
+rejected for some seconds; its pose is then forgotten and estimated again from the next ranges.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clt.filters.compiled import kernel
+from clt.filters.inputs import RangeTable
+from clt.streams import Floats, Indices
+
+SINCE, ACCEPTED, CONTRADICTED, ACCUSER = 0, 1, 2, 3
+"""Columns of a filter's memory: ns, ranges accepted and rejected since then, who disagreed."""
+NOBODY, SEVERAL = -1_000_000, -1_000_001
+"""Who contradicts a robot, where it is not one partner."""
+LOST_HEADING = 1.0
+"""Standard deviation of the heading of a robot that was lost, rad."""
+
+
+@kernel
+def widen(P: Floats, i: int, spread: float) -> None:
+    """Forget where robot i is: position to `spread` m, heading to LOST_HEADING, no correlation."""
+    for r in range(3 * i, 3 * i + 3):
+        for c in range(P.shape[0]):
+            P[r, c] = P[c, r] = 0.0
+    P[3 * i, 3 * i] = P[3 * i + 1, 3 * i + 1] = spread * spread
+    P[3 * i + 2, 3 * i + 2] = LOST_HEADING * LOST_HEADING
+
+
+@kernel
+def fresh_memory(n: int, start: int) -> Indices:
+    """Memory of n robots, shape (n, 4), at the time `start` (ns)."""
+    memory = np.zeros((n, 4), np.int64)
+    for i in range(n):
+        memory[i, SINCE], memory[i, ACCUSER] = start, NOBODY
+    return memory
+
+
+@kernel
+def remember(i: int, partner: int, used: bool, memory: Indices) -> None:
+    """Note for robot i that a range with `partner` was accepted or rejected."""
+    if i < 0:
+        return
+    if used:
+        memory[i, ACCEPTED] += 1
+        return
+    memory[i, CONTRADICTED] += 1
+    if memory[i, ACCUSER] == NOBODY:
+        memory[i, ACCUSER] = partner
+    elif memory[i, ACCUSER] != partner:
+        memory[i, ACCUSER] = SEVERAL
+
+
+@kernel
+def reacquire(
+    P: Floats,
+    ranges: RangeTable,
+    m: int,
+    last: int,
+    residual: Floats,
+    memory: Indices,
+    patience: int,
+) -> bool:
+    """Widen the robots that most of their ranges contradicted over the last `patience` ns.
+
+    Only where several partners did: one alone may be the one that is wrong. Returns whether any
+    robot was lost.
+    """
+    now, any_lost = ranges.stamp[m], False
+    for i in range(memory.shape[0]):
+        if now - memory[i, SINCE] <= patience:
+            continue
+        if memory[i, ACCUSER] == SEVERAL and memory[i, CONTRADICTED] > memory[i, ACCEPTED]:
+            worst = 0.0
+            for k in range(m, last):
+                if ranges.a[k] == i or ranges.b[k] == i:
+                    worst = max(worst, abs(residual[k]))
+            if worst > 0.0:
+                widen(P, i, worst)
+                any_lost = True
+        memory[i, SINCE], memory[i, ACCUSER] = now, NOBODY
+        memory[i, ACCEPTED] = memory[i, CONTRADICTED] = 0
+    return any_lost
