@@ -14,7 +14,7 @@ from clt.errors import LogError
 from clt.log.metadata import TEAM, decode_team
 from clt.log.ranging import Measured
 from clt.log.reader import Log
-from clt.log.roles import Roles, natural, role_of
+from clt.log.roles import Roles, Stream, natural, role_of
 from clt.streams import Robot, Team
 
 if TYPE_CHECKING:
@@ -92,8 +92,17 @@ def inferred(log: Log, measured: Sequence[tuple[str, Measured]]) -> Team:
 
 def known_only(log: Log, roles: Roles, team: Team) -> Roles:
     """The roles without the topics of robots that are not in the team, which are a fault."""
-    for what in (roles.odometry, roles.truth, roles.estimate, roles.dead_reckoning):
-        for robot in sorted(set(what) - set(team.names)):
+
+    def keep(streams: dict[str, Stream]) -> dict[str, Stream]:
+        for robot in sorted(set(streams) - set(team.names)):
             text = f"`{robot}` is not in the team ({', '.join(team.names)}); not read"
-            log.faults.add("unknown", what.pop(robot).topic, text, lost=True)
-    return replace(roles)
+            log.faults.add("unknown", streams[robot].topic, text, lost=True)
+        return {robot: stream for robot, stream in streams.items() if robot in team.names}
+
+    return replace(
+        roles,
+        odometry=keep(roles.odometry),
+        truth=keep(roles.truth),
+        estimate=keep(roles.estimate),
+        dead_reckoning=keep(roles.dead_reckoning),
+    )
