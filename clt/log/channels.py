@@ -15,6 +15,7 @@ from clt.errors import LogError
 from clt.log.layout import Layout, layout, stamp_columns
 from clt.log.plan import Channel, Select
 from clt.streams import Floats, Indices, Innovations, Odometry, Poses, Ranges, Robot, Stamps, Team
+from clt.trig import cos_sin
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -33,6 +34,8 @@ def odometry_channel(robot: Robot, odometry: Odometry) -> Channel:
         ODOMETRY,
         {"header.frame_id": f"{robot.name}/odom", "child_frame_id": f"{robot.name}/base_link"},
     )
+    topic = f"/{robot.name}/odom"
+    _finite(topic, odometry.v, odometry.omega)
     x, y, heading = reckon(odometry, mean=robot.twist == "mean")
 
     def columns(select: Select) -> Columns:
@@ -44,8 +47,6 @@ def odometry_channel(robot: Robot, odometry: Odometry) -> Channel:
             "twist.covariance": _diagonal(odometry.sigma_v[select], odometry.sigma_omega[select]),
         }
 
-    topic = f"/{robot.name}/odom"
-    _finite(topic, odometry.v, odometry.omega)
     return _channel(topic, ODOMETRY, form, odometry.stamp, odometry.log_time, columns)
 
 
@@ -142,11 +143,13 @@ def reckon(odometry: Odometry, mean: bool) -> tuple[Floats, Floats, Floats]:
         v, omega = (v[1:] + v[:-1]) / 2, (omega[1:] + omega[:-1]) / 2
     turn = omega * step
     heading = np.concatenate([np.zeros(min(odometry.stamp.size, 1)), np.cumsum(turn)])
-    chord = v * step * np.sinc(turn / (2 * np.pi))
-    middle = heading[:-1] + turn / 2
+    half = turn / 2
+    _, sine = cos_sin(half)
+    chord = v * step * np.divide(sine, half, out=np.ones_like(half), where=half != 0.0)
+    cos, sin = cos_sin(heading[:-1] + half)
     x, y = np.zeros_like(heading), np.zeros_like(heading)
-    np.cumsum(chord * np.cos(middle), out=x[1:])
-    np.cumsum(chord * np.sin(middle), out=y[1:])
+    np.cumsum(chord * cos, out=x[1:])
+    np.cumsum(chord * sin, out=y[1:])
     return x, y, heading
 
 
@@ -180,12 +183,13 @@ def _ids(team: Team) -> Indices:
 
 
 def _pose_columns(path: str, x: Floats, y: Floats, heading: Floats) -> Columns:
-    half = heading / 2
+    known = np.isfinite(heading)
+    cos, sin = cos_sin(np.where(known, heading, 0.0) / 2)
     return {
         f"{path}.position.x": x,
         f"{path}.position.y": y,
-        f"{path}.orientation.z": np.nan_to_num(np.sin(half)),
-        f"{path}.orientation.w": np.nan_to_num(np.cos(half)),
+        f"{path}.orientation.z": np.where(known, sin, 0.0),
+        f"{path}.orientation.w": np.where(known, cos, 0.0),
     }
 
 

@@ -11,8 +11,8 @@ from clt.sim.scenario import Scenario
 from clt.sim.settings import Circle, Pose, Segments, Wander
 from clt.sim.team import Member
 from clt.sim.trajectory import Floats, Path, drive, refined
-from clt.sim.trig import cos_sin
 from clt.sim.wander import wander
+from clt.trig import cos_sin
 
 
 def paths(scenario: Scenario, team: Sequence[Member]) -> dict[str, Path]:

@@ -12,8 +12,8 @@ from clt.settings import nearest
 from clt.sim.sensors import SECOND
 from clt.sim.settings import Outliers, RangeSensor
 from clt.sim.trajectory import State
-from clt.sim.trig import cos_sin
 from clt.streams import Floats, Stamps, Team
+from clt.trig import cos_sin
 
 Pair = tuple[int, int]
 

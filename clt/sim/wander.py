@@ -14,7 +14,7 @@ import numpy as np
 from clt.errors import UsageError
 from clt.sim.settings import Area, Pose, Wander
 from clt.sim.trajectory import STEP, Path, drive
-from clt.sim.trig import cos_sin
+from clt.trig import cos_sin
 
 Leg = tuple[float, float, float, float]
 """Goal x, y (m), share of the cruise speed, sine of the angle at which it spirals in."""
@@ -102,7 +102,7 @@ def _step(v: float, omega: float, new_v: float, new_omega: float) -> tuple[float
 
 
 def _turn(cos: float, sin: float, angle: float) -> tuple[float, float]:
-    """The direction (cos, sin) turned by a small angle (rad), by series: see clt.sim.trig."""
+    """The direction (cos, sin) turned by a small angle (rad), by series: see clt.trig."""
     q = angle * angle
     c = 1.0 - q / 2.0 * (1.0 - q / 12.0 * (1.0 - q / 30.0 * (1.0 - q / 56.0)))
     s = angle * (1.0 - q / 6.0 * (1.0 - q / 20.0 * (1.0 - q / 42.0 * (1.0 - q / 72.0))))

@@ -3,6 +3,7 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 from typer.testing import CliRunner
@@ -36,6 +37,21 @@ def test_same_seed_same_bytes_wherever_the_log_goes(clt, tmp_path):
     assert (tmp_path / "deep/c.mcap").read_bytes() == first
     assert clt(*SHORT, "--seed", "2", "-o", "d.mcap").exit_code == 0
     assert (tmp_path / "d.mcap").read_bytes() != first
+
+
+def test_same_bytes_on_a_processor_with_less(clt, tmp_path):
+    """As if the vector units and fused multiply-add, which numpy and glibc choose by, were off."""
+    words = ("simulate", "shi-sim", "--duration", "20")
+    assert clt(*words, "-o", "a.mcap").exit_code == 0
+    units = " ".join(np.show_config(mode="dicts")["SIMD Extensions"].get("found", []))
+    glibc = "glibc.cpu.hwcaps=-AVX512F,-AVX2,-AVX,-FMA,-FMA4"
+    done = subprocess.run(
+        [sys.executable, "-m", "clt", *words, "-o", "-"],
+        env=os.environ | {"NPY_DISABLE_CPU_FEATURES": units, "GLIBC_TUNABLES": glibc},
+        capture_output=True,
+        check=True,
+    )
+    assert done.stdout == (tmp_path / "a.mcap").read_bytes()
 
 
 def test_standard_output_holds_the_same_log(clt, tmp_path):

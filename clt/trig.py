@@ -17,10 +17,14 @@ Floats = NDArray[np.float64]
 QUARTER = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 SINE = tuple((-1) ** k / math.factorial(2 * k + 1) for k in range(9))
 COSINE = tuple((-1) ** k / math.factorial(2 * k) for k in range(9))
+LARGE = 1e6
+"""Up to here (rad) whole multiples of the parts of pi/2 are exact."""
 
 
 def cos_sin(angle: Floats) -> tuple[Floats, Floats]:
-    """Cosine and sine of angles (rad, any shape, below 1e6), good to 4e-16."""
+    """Cosine and sine of finite angles (rad, any shape), good to 4e-16 up to LARGE."""
+    if np.max(np.abs(angle), initial=0.0) > LARGE:
+        angle = np.fmod(angle, 2.0 * np.pi)
     turns = np.rint(angle * (2.0 / np.pi))
     rest = ((angle - turns * QUARTER[0]) - turns * QUARTER[1]) - turns * QUARTER[2]
     square = rest * rest

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clt.sim.trig import cos_sin
+from clt.trig import cos_sin
 
 
 @given(st.floats(-1e5, 1e5))
@@ -18,3 +18,14 @@ def test_quadrants_and_shape():
     assert cos.shape == sin.shape == (1, 17)
     np.testing.assert_allclose(cos, np.cos(angle), atol=4e-16)
     np.testing.assert_allclose(sin, np.sin(angle), atol=4e-16)
+
+
+@given(st.floats(-1e300, 1e300))
+def test_any_finite_angle_gives_a_direction(angle):
+    cos, sin = cos_sin(np.array([angle, 0.5]))
+    assert abs(cos[0] ** 2 + sin[0] ** 2 - 1.0) < 1e-15
+    np.testing.assert_allclose([cos[1], sin[1]], [np.cos(0.5), np.sin(0.5)], rtol=1e-15)
+
+
+def test_no_angles():
+    assert [part.size for part in cos_sin(np.empty(0))] == [0, 0]
