@@ -7,7 +7,10 @@ the same posterior; their costs grow as m N^2 and N^3.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from clt.filters.compiled import kernel
 from clt.streams import Floats, Indices
@@ -127,7 +130,9 @@ def normal_equations(
 
 
 @kernel
-def put_symmetric(P: Floats, rows: Indices, columns: Indices, block: Floats) -> None:
+def put_symmetric(
+    P: Floats, rows: Indices, columns: Indices, block: NDArray[np.floating[Any]]
+) -> None:
     """Write a block of P and its mirror image; a block on the diagonal is made symmetric."""
     for r in range(rows.size):
         for c in range(columns.size):
@@ -150,9 +155,9 @@ def batch(
     M = P_t[:, t] @ A
     for k in range(t.size):
         M[k, k] += 1.0
-    P_t = np.linalg.solve(M, P_t)
-    delta = P_t.T @ g
-    P_tt, P_to_new = P_t[:, t], P_t[:, o]
+    after = np.linalg.solve(M, P_t)
+    delta = after.T @ g
+    P_tt, P_to_new = after[:, t], after[:, o]
     put_symmetric(P, t, t, 0.5 * (P_tt + P_tt.T))
     put_symmetric(P, t, o, P_to_new)
     P_oo = P_to.T @ (A @ P_to_new)
