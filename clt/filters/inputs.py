@@ -99,8 +99,8 @@ def robot_segments(
         sigma_w = np.where(np.isnan(sigma_w), DEFAULT_SIGMA_OMEGA, sigma_w)
     sigma_v, sigma_w = np.maximum(sigma_v, LEAST_SIGMA_V), np.maximum(sigma_w, LEAST_SIGMA_OMEGA)
     v, omega = interval_twist(odometry, robot)
-    var_v = sigma_v**2 + (noise.slip_v * v) ** 2
-    var_w = sigma_w**2 + (noise.slip_omega * omega) ** 2
+    var_v = sigma_v**2 + (noise.v_per_v * v) ** 2 + (noise.v_per_omega * omega) ** 2
+    var_w = sigma_w**2 + (noise.omega_per_v * v) ** 2 + (noise.omega_per_omega * omega) ** 2
     stamp = odometry.stamp
     step = np.diff(stamp)
     period = int(np.median(step)) if step.size > 0 else 0

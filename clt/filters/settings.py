@@ -19,9 +19,13 @@ class Noise(Settings):
     """One odometry sample, m/s."""
     sigma_omega: Positive | None = None
     """One odometry sample, rad/s."""
-    slip_v: NotNegative = 0.0
-    """Further error of v as a share of |v|, white from sample to sample."""
-    slip_omega: NotNegative = 0.0
+    v_per_v: NotNegative = 0.0
+    """Further error of v as a share of |v|, independent from sample to sample (wheel slip)."""
+    v_per_omega: NotNegative = 0.0
+    """Further error of v by turning, m/s per rad/s."""
+    omega_per_v: NotNegative = 0.0
+    """Further error of omega by driving, rad/s per m/s."""
+    omega_per_omega: NotNegative = 0.0
     """Further error of omega as a share of |omega|."""
     sigma_range: Positive | None = None
     """One calibrated range, m."""
