@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import functools
 import os
+import signal
 import sys
 from collections.abc import Callable
+from types import FrameType
 from typing import Annotated
 
 import typer
 
 from clt import __version__
-from clt.cli.console import FAILED, INTERRUPTED
+from clt.cli.console import FAILED, INTERRUPTED, TERMINATED
 from clt.cli.demo import demo
 from clt.cli.evaluate import evaluate
 from clt.cli.import_log import import_log
@@ -86,6 +88,12 @@ app.command("info")(guard(info))
 app.command("recover")(guard(recover))
 
 
+def terminate(_signal: int, _frame: FrameType | None) -> None:
+    """Leave as Ctrl-C does, through every `finally`, so that no temporary file stays behind."""
+    raise SystemExit(TERMINATED)
+
+
 def main() -> None:
     """Entry point of the `clt` program."""
+    signal.signal(signal.SIGTERM, terminate)
     app()
