@@ -17,6 +17,7 @@ The ranges read about 0.58 m short: give `clt import` or `clt localize` a calibr
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -53,12 +54,26 @@ def read_thu(path: Path) -> Recording:
     static = sorted({node for pair in pairs for node in pair} - set(moving))
     team = _team(sorted(moving), static, survey)
     names = {robot.id: robot.name for robot in team.robots}
+    truth = {names[i]: _truth(moving[i], f"{mat}: robot {i}") for i in sorted(moving)}
     return Recording(
         team=team,
         odometry={names[i]: _odometry(moving[i], f"{mat}: robot {i}") for i in sorted(moving)},
         ranges=_ranges(ranges, pairs, team, mat),
-        truth={names[i]: _truth(moving[i], f"{mat}: robot {i}") for i in sorted(moving)},
+        truth={**_anchors(team, truth), **truth},
     )
+
+
+def _anchors(team: Team, truth: Mapping[str, Poses]) -> dict[str, Poses]:
+    """The surveyed nodes as a reference, at the stamps of the first truth; no heading."""
+    stamp = next(iter(truth.values())).stamp
+    one = np.ones(len(stamp))
+    return {
+        robot.name: Poses(
+            WORLD, stamp, stamp, robot.position[0] * one, robot.position[1] * one, np.nan * one
+        )
+        for robot in team.static
+        if robot.position is not None
+    }
 
 
 def _read_mat(path: Path) -> tuple[list[Any], list[Any]]:

@@ -65,7 +65,7 @@ def test_calibration_and_json(folder: Path, tmp_path: Path) -> None:
         "calibrated": True,
         "robots": ["R0", "R1"],
         "odometry": {"R1": 20},
-        "truth": {"R1": 20},
+        "truth": {"R0": 20, "R1": 20},
         "ranges": 20,
     }
     log, direct = load(out).recording, thu.read_thu(folder)
