@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 .DELETE_ON_ERROR:
-.PHONY: demo test check clean
+.PHONY: demo test check samples clean
 
 demo: $(VENV)/.installed
 	$(BIN)/clt demo --force clt-demo
@@ -18,6 +18,11 @@ check: $(VENV)/.installed-dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
+
+# Every `clt simulate` line of sample_logs/README.md.
+samples: $(VENV)/.installed
+	cd sample_logs && sed -n 's/^clt simulate .*/& --force/p' README.md | \
+	  PATH="$(abspath $(BIN)):$$PATH" sh -e
 
 # Set-up runs again only when pyproject.toml changed.
 $(BIN)/python:
