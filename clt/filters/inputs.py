@@ -110,9 +110,9 @@ def robot_segments(
     wild_v = float(np.mean(var_v) + np.var(v))
     wild_w = float(np.mean(var_w) + np.var(omega))
     holes = np.flatnonzero(gap)
-    late = end > stamp[-1]
-    ends = np.concatenate([stamp, begin[holes], [end] if late else []]).astype(np.int64)
-    before = np.concatenate([begin, stamp[holes - 1], [stamp[-1]] if late else []])
+    late = end > int(stamp[-1])
+    ends = np.concatenate([stamp, begin[holes], np.array([end] * late, np.int64)])
+    before = np.concatenate([begin, stamp[holes - 1], stamp[-1:] if late else stamp[:0]])
     seconds = (ends - before) * 1e-9
     bridge_v = 0.5 * (v[holes - 1] + v[holes])
     bridge_w = 0.5 * (omega[holes - 1] + omega[holes])
@@ -133,7 +133,7 @@ def robot_segments(
     if inside.size > 0:
         longest = float(np.max(stamp[inside] - stamp[inside - 1])) * 1e-9
         notes.append(
-            f"the odometry of {robot.name} has {inside.size} gaps, the longest {longest:.2f} s: "
+            f"gaps in the odometry of {robot.name}: {inside.size}, the longest {longest:.2f} s; "
             "bridged with widened noise"
         )
     return segments, tuple(notes)
