@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from clt.errors import CltError, UsageError
+from clt.geometry import wrap
 from clt.init.start import InitialPose, Start, fixed_pose, odometry_begin
 from clt.settings import Settings, nearest, parse
 from clt.streams import Recording
@@ -55,7 +56,8 @@ def from_poses(
         if static:
             spread = (spread[0], spread[1], 0.0)
         poses[name] = InitialPose(
-            np.array([given.x, given.y, given.heading]), np.diag(np.square(np.asarray(spread)))
+            np.array([given.x, given.y, float(wrap(np.asarray(given.heading)))]),
+            np.diag(np.square(np.asarray(spread))),
         )
     begin = [odometry_begin(recording, name) for name in poses if name in recording.odometry]
     if len(begin) == 0:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from clt.errors import CltError
+from clt.geometry import interpolate_heading
 from clt.init.start import InitialPose, Start, fixed_pose, odometry_begin
 from clt.streams import Floats, Poses, Recording, Robot
 
@@ -13,9 +14,9 @@ REMEDY = "give poses in a TOML file instead (--init FILE)"
 
 def pose_at(poses: Poses, stamp: int) -> Floats:
     """A reference pose (3,) at a time inside its span, interpolated along the shorter arc."""
-    t = (poses.stamp - stamp) * 1e-9
-    columns = (poses.x, poses.y, np.unwrap(poses.heading))
-    return np.array([np.interp(0.0, t, column) for column in columns])
+    t = np.asarray((poses.stamp - stamp) * 1e-9, np.float64)
+    x, y = (float(np.interp(0.0, t, column)) for column in (poses.x, poses.y))
+    return np.array([x, y, float(interpolate_heading(np.zeros(()), t, poses.heading))])
 
 
 def moving_truth(recording: Recording, robot: Robot) -> Poses:
