@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
+from collections.abc import Sequence as Row
+from itertools import islice
 
 import numpy as np
 
 from clt.sim.rng import Purpose, stream
 from clt.sim.scenario import Scenario
-from clt.sim.settings import Circle, Pose, Segments, Wander
+from clt.sim.sequence import sequence, start_with_room
+from clt.sim.settings import Circle, Pose, Segments, Sequence, Stand, Wander
 from clt.sim.team import Member
 from clt.sim.trajectory import Floats, Path, drive, refined
 from clt.sim.wander import wander
 from clt.trig import cos_sin
 
+TRIES = 10_000
+"""Starts that are tried for a sequence before the area is called too small."""
 
-def paths(scenario: Scenario, team: Sequence[Member]) -> dict[str, Path]:
+
+def paths(scenario: Scenario, team: Row[Member]) -> dict[str, Path]:
     """Paths over the scenario's duration by robot name; static robots have none."""
     moving = [member for member in team if not member.robot.static]
     return {member.robot.name: _path(scenario, member, len(moving)) for member in moving}
@@ -24,18 +30,45 @@ def paths(scenario: Scenario, team: Sequence[Member]) -> dict[str, Path]:
 def _path(scenario: Scenario, member: Member, n: int) -> Path:
     """The drive of one of n moving robots: its own kind, else the team's."""
     kind = scenario.trajectory if member.table.trajectory is None else member.table.trajectory
-    start, end = _start(scenario, member), scenario.duration
+    end = scenario.duration
+    if isinstance(kind, Sequence):
+        return _sequence(scenario, kind, member)
+    start = _start(scenario, member)
+    if isinstance(kind, Circle) and member.table.start is None:
+        start = _on_circle(scenario, kind, 2.0 * np.pi * member.order / n)
+    return _drive(scenario, kind, end, start, stream(scenario.seed, Purpose.WANDER, member.order))
+
+
+def _drive(
+    scenario: Scenario,
+    kind: Wander | Segments | Circle | Stand,
+    end: float,
+    start: Pose,
+    draw: np.random.Generator,
+) -> Path:
+    """A drive of one kind from a pose until `end`."""
     if isinstance(kind, Wander):
-        draw = stream(scenario.seed, Purpose.WANDER, member.order)
         return wander(kind, scenario.team.area, end, start, draw)
     if isinstance(kind, Segments):
         return drive(*refined(*_segments(kind, end)), start)
     v, omega = 0.0, 0.0
     if isinstance(kind, Circle):
         v, omega = kind.speed, kind.speed / kind.radius * (1.0 if kind.turn == "left" else -1.0)
-        if member.table.start is None:
-            start = _on_circle(scenario, kind, 2.0 * np.pi * member.order / n)
     return drive(*refined(np.array([0.0, end]), np.full(2, v), np.full(2, omega)), start)
+
+
+def _sequence(scenario: Scenario, kind: Sequence, member: Member) -> Path:
+    """A drive of several kinds."""
+    area = scenario.team.area
+
+    def one(index: int, seconds: float, pose: Pose) -> Path:
+        draw = stream(scenario.seed, Purpose.WANDER, member.order, index)
+        return _drive(scenario, kind.phases[index].drive, seconds, pose, draw)
+
+    start = member.table.start
+    if start is None:
+        start = start_with_room(kind, area, islice(_starts(scenario, member), TRIES), one)
+    return sequence(kind, area, scenario.duration, start, one)
 
 
 def _segments(kind: Segments, end: float) -> tuple[Floats, Floats, Floats]:
@@ -67,13 +100,20 @@ def _on_circle(scenario: Scenario, kind: Circle, phase: float) -> Pose:
 
 
 def _start(scenario: Scenario, member: Member) -> Pose:
-    """The robot's own start, else one at random in the inner four fifths of the area."""
+    """The robot's own start, else one at random."""
     if member.table.start is not None:
         return member.table.start
+    return next(_starts(scenario, member))
+
+
+def _starts(scenario: Scenario, member: Member) -> Iterator[Pose]:
+    """Starts at random in the inner four fifths of the area."""
     area = scenario.team.area
-    x, y, turn = stream(scenario.seed, Purpose.START, member.order).random(3)
-    return (
-        area[0] + (0.1 + 0.8 * x) * (area[2] - area[0]),
-        area[1] + (0.1 + 0.8 * y) * (area[3] - area[1]),
-        (2.0 * turn - 1.0) * np.pi,
-    )
+    draw = stream(scenario.seed, Purpose.START, member.order)
+    while True:
+        x, y, turn = draw.random(3)
+        yield (
+            area[0] + (0.1 + 0.8 * x) * (area[2] - area[0]),
+            area[1] + (0.1 + 0.8 * y) * (area[3] - area[1]),
+            (2.0 * turn - 1.0) * np.pi,
+        )

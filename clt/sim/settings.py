@@ -76,7 +76,26 @@ class Stand(Settings):
     kind: Literal["stand"] = "stand"
 
 
-Trajectory = Annotated[Wander | Segments | Circle | Stand, Field(discriminator="kind")]
+class Phase(Settings):
+    """One part of a sequence."""
+
+    duration: Positive
+    drive: Annotated[Wander | Segments | Circle | Stand, Field(discriminator="kind")]
+
+
+class Sequence(Settings):
+    """One kind of driving after the other; the last goes on."""
+
+    kind: Literal["sequence"] = "sequence"
+    phases: Annotated[tuple[Phase, ...], Field(min_length=1)]
+    ramp: Positive = 0.5
+    """Every phase begins and ends at rest: time for braking, and for joining a circle."""
+    margin: NonNegative = 0.3
+    """A robot without a start of its own starts where phases of given twist stay this far from
+    the walls."""
+
+
+Trajectory = Annotated[Wander | Segments | Circle | Stand | Sequence, Field(discriminator="kind")]
 
 
 class Noise(Settings):
@@ -182,6 +201,44 @@ class Outliers(Settings):
     """Mean excess, exponentially distributed."""
     burst: NonNegative = 0.0
     """Mean duration for which one pair keeps one excess; 0: every range for itself."""
+
+
+class Oscillator(Settings):
+    """The clock of one radio: it counts from anywhere, too fast or too slow, and wanders."""
+
+    skew: Annotated[float, Field(ge=0.0, le=1e-4)] = 10e-6
+    """Rate errors are uniform up to this, either way."""
+    skew_walk: NonNegative = 1e-10
+    """Random walk of the rate, per square root of a second."""
+    phase_walk: NonNegative = 1e-11
+    """Random walk of the time itself, s per square root of a second."""
+    warm_up: Annotated[float, Field(ge=0.0, le=1e-4)] = 0.0
+    """Extra rate errors at the start are uniform up to this, either way, and die out."""
+    warm_up_time: Annotated[float, Field(ge=1.0)] = 30.0
+    """Time constant of their dying out."""
+
+
+class Radio(Settings):
+    """A UWB broadcast network in place of `sensors.range`: every robot sends packets in turn.
+
+    The log holds the packets as a listener heard them, with time stamps in device ticks, and no
+    ranges. Of `sensors.range` only `max_range` counts; `outliers` delay packets; `network` is the
+    listener's own way to the recorder.
+    """
+
+    rate: Annotated[float, Field(gt=0.0, le=200.0)] = 100.0
+    """Frames per second: in each every robot sends one packet."""
+    slot: Positive | None = None
+    """From one robot's packet to the next one's; by default 1 ms, or less if a frame is short."""
+    sigma: NonNegative = 150e-12
+    """Noise of a receive time stamp, s."""
+    antenna_delay: NonNegative = 0.0
+    """Standard deviation of a radio's antenna delay beyond the configured one, s, either way."""
+    loss: Share = 0.0
+    """Share of the packets that one robot does not hear of another."""
+    odometry: Literal["packets", "topic"] = "packets"
+    """Odometry travels in the packets, stamped by the sender's clock, or on topics as usual."""
+    oscillator: Oscillator = Oscillator()
 
 
 class Network(Settings):

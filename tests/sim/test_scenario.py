@@ -22,8 +22,13 @@ def test_built_ins_load_and_describe_themselves():
 @pytest.mark.parametrize("key", known_keys(Scenario))
 def test_a_misspelt_key_is_refused_wherever_it_stands(key):
     kind = {"segments": "segments", "ramp": "segments", "repeat": "segments", "radius": "circle",
-            "turn": "circle"}.get(key.removeprefix("trajectory."), "wander")  # fmt: skip
-    table = {"kind": kind} | ({"segments": [SEGMENT]} if kind == "segments" else {})
+            "turn": "circle", "phases": "sequence",
+            }.get(key.removeprefix("trajectory."), "wander")  # fmt: skip
+    needed = {
+        "segments": {"segments": [SEGMENT]},
+        "sequence": {"phases": [{"duration": 1.0, "drive": {"kind": "stand"}}]},
+    }
+    table = {"kind": kind} | needed.get(kind, {})
     leaf = key.rsplit(".", maxsplit=1)[-1]
     text = refused({"trajectory": table, f"{key}x": 1})
     assert text == f"options: unknown key `{key}x`, did you mean `{leaf}`?"

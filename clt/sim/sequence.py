@@ -1,0 +1,119 @@
+"""One kind of driving after the other; each begins and ends at rest.
+
+A phase lasts its duration, and longer where the next one, a circle, would not stay in the area:
+the robot then drives on until it does. The last phase goes on to the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from clt.errors import UsageError
+from clt.sim.settings import Area, Circle, Phase, Pose, Sequence
+from clt.sim.trajectory import STEP, Path, at, drive, refined
+from clt.streams import Floats
+
+Twists = tuple[Floats, Floats, Floats]
+"""Knots of a drive: t (s, from 0), v (m/s), omega (rad/s)."""
+Drive = Callable[[int, float, Pose], Path]
+"""The path of a phase, by its place, over some seconds from a pose."""
+PATIENCE = 60.0
+"""Seconds for which a robot drives on to find room for a circle."""
+
+
+def sequence(kind: Sequence, area: Area, duration: float, start: Pose, one: Drive) -> Path:
+    """Drive one robot from rest at `start` for `duration` seconds.
+
+    Raises UsageError where a circle finds no room in the area.
+    """
+    t, v, omega, pose = np.zeros(1), np.zeros(1), np.zeros(1), start
+    for index, phase in enumerate(kind.phases):
+        last = index == len(kind.phases) - 1
+        left = duration - t[-1]
+        if left <= 0.0:
+            break
+        path = one(index, left if last else min(phase.duration + PATIENCE, left), pose)
+        stop = left if last else min(phase.duration, left)
+        following = phase.drive if last else kind.phases[index + 1].drive
+        if isinstance(following, Circle) and not last and stop < left:
+            stop = room_for(following, kind.ramp, path, stop, area)
+        moving_off = isinstance(phase.drive, Circle)
+        piece = eased(path, 0.0, stop, kind.ramp, moving_off, braking=not last)
+        pose = end_pose(piece, pose)
+        t = np.append(t, t[-1] + piece[0][1:])
+        v, omega = np.append(v, piece[1][1:]), np.append(omega, piece[2][1:])
+    return drive(*refined(t, v, omega), start)
+
+
+def end_pose(twists: Twists, start: Pose) -> Pose:
+    """Where a drive ends."""
+    path = drive(*refined(*twists), start)
+    return float(path.x[-1]), float(path.y[-1]), float(path.heading[-1])
+
+
+def eased(
+    path: Path, begin: float, stop: float, ramp: float, moving_off: bool, braking: bool
+) -> Twists:
+    """The twists of a path from `begin` to `stop` (s), brought up from and down to rest."""
+    knots = path.t[(path.t > begin) & (path.t < stop)]
+    t = np.union1d(knots, [begin, min(begin + ramp, stop), max(stop - ramp, begin), stop])
+    t = t[np.append(True, np.diff(t) > 1e-9)]
+    state = at(path, t)
+    share = np.clip((t - begin) / ramp, 0.0, 1.0) if moving_off else np.ones_like(t)
+    if braking:
+        share = share * np.clip((stop - t) / ramp, 0.0, 1.0)
+    return t - begin, share * state.v, share * state.omega
+
+
+def room_for(circle: Circle, ramp: float, path: Path, earliest: float, area: Area) -> float:
+    """First time (s) at which a robot that brakes has room for a circle in the area."""
+    side = 1.0 if circle.turn == "left" else -1.0
+    t = np.array([0.0, ramp, ramp + 2.0 * np.pi * circle.radius / circle.speed])
+    v = np.array([0.0, circle.speed, circle.speed])
+    for stop in np.arange(max(earliest, ramp), path.t[-1], 5 * STEP):
+        now = at(path, np.array([stop - ramp]))
+        braking = eased(path, stop - ramp, stop, ramp, moving_off=False, braking=True)
+        pose = end_pose(braking, (float(now.x[0]), float(now.y[0]), float(now.heading[0])))
+        if inside(drive(*refined(t, v, side * v / circle.radius), pose), area):
+            return float(stop)
+    raise UsageError(
+        f"trajectory: no room in team.area for a circle of radius {circle.radius:g} m; "
+        "enlarge the area or lower the radius"
+    )
+
+
+def inside(path: Path, area: Area, margin: float = 0.0) -> bool:
+    """A path stays in the area, `margin` m from its walls."""
+    return bool(
+        path.x.min() >= area[0] + margin
+        and path.x.max() <= area[2] - margin
+        and path.y.min() >= area[1] + margin
+        and path.y.max() <= area[3] - margin
+    )
+
+
+def start_with_room(kind: Sequence, area: Area, starts: Iterable[Pose], one: Drive) -> Pose:
+    """The first start from which the phases with given twists stay in the area.
+
+    Those are the phases before the first that steers by itself. Raises UsageError without one.
+    """
+    fixed: list[Phase] = []
+    for phase in kind.phases:
+        if phase.drive.kind == "wander":
+            break
+        fixed.append(phase)
+    if len(fixed) == 0:
+        return next(iter(starts))
+    total = sum(phase.duration for phase in fixed)
+    opening = kind.model_copy(update={"phases": tuple(fixed)})
+    everywhere = (-np.inf, -np.inf, np.inf, np.inf)
+    path = sequence(opening, everywhere, total, (0.0, 0.0, 0.0), one)
+    for start in starts:
+        if inside(drive(path.t, path.v, path.omega, start), area, kind.margin):
+            return start
+    raise UsageError(
+        "trajectory: no start in team.area leaves room for the first phases; enlarge the area or "
+        "shorten the phases"
+    )
