@@ -79,6 +79,7 @@ def _recording(log: Log, roles: Roles, mapped: StreamsFile | None) -> Recording:
             text = f"no topic is named as clt names them; map them with --streams: {_list(log)}"
             log.faults.add("unmapped", "topics", text)
     ranges = ranging.join(log, [one for _, one in measured], team)
+    odometry = {name: convert.odometry(log, stream) for name, stream in roles.odometry.items()}
     truth = {name: convert.poses(log, stream, False) for name, stream in roles.truth.items()}
     estimate = {name: convert.poses(log, stream, True) for name, stream in roles.estimate.items()}
     reckoned = {
@@ -89,9 +90,9 @@ def _recording(log: Log, roles: Roles, mapped: StreamsFile | None) -> Recording:
         found = ranging.innovations(log, roles.innovation, team)
     return Recording(
         team=team,
-        odometry={name: convert.odometry(log, s) for name, s in roles.odometry.items()},
+        odometry={name: twist for name, twist in odometry.items() if len(twist.stamp) > 0},
         ranges=ranges if len(measured) > 0 else no_ranges(),
-        truth=truth,
+        truth={name: poses for name, poses in truth.items() if len(poses.stamp) > 0},
         estimate=estimate,
         dead_reckoning=reckoned,
         innovations=found,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -160,7 +161,8 @@ def innovations(log: Log, topic: str, team: Team) -> Innovations:
     data = table(log, topic, names, log_time=False)
     source, target = (index_of_id(team)[data.column(name).astype(np.int64)] for name in names[:2])
     residual, sigma, nis = (data.floats(name) for name in names[3:])
-    rows = tidy.usable(log.faults, topic, data.decoded.good, residual, sigma, nis)
+    good = data.decoded.good
+    rows = tidy.usable(log.faults, topic, good, residual, sigma, nis, most=math.inf)
     strange = (source[rows] < 0) | (target[rows] < 0)
     rows = rows[tidy.drop(log.faults, topic, "unknown", strange, "rows name an unknown robot")]
     rows = rows[tidy.sorted_rows(log.faults, topic, data.stamp[rows])]

@@ -10,6 +10,9 @@ from clt.streams import Floats, Indices, Stamps
 
 Mask = NDArray[np.bool_]
 
+MOST = 1e12
+"""No measurement in SI units is larger; squares of what passes are still numbers."""
+
 
 def drop(faults: Faults, place: str, kind: str, bad: Mask, text: str) -> Mask:
     """The rows to keep; the others are a fault that lost data."""
@@ -19,14 +22,17 @@ def drop(faults: Faults, place: str, kind: str, bad: Mask, text: str) -> Mask:
     return ~bad
 
 
-def usable(faults: Faults, place: str, good: Mask, *values: Floats) -> Indices:
-    """Rows that were decoded and whose values are finite."""
-    broken = drop(faults, place, "decode", ~good, "messages do not fit their definition")
-    finite = np.ones(len(good), np.bool_)
+def usable(faults: Faults, place: str, good: Mask, *values: Floats, most: float = MOST) -> Indices:
+    """Rows that were decoded and whose values are finite and at most `most` in magnitude."""
+    fits = drop(faults, place, "decode", ~good, "messages do not fit their definition")
+    finite, sane = np.ones(len(good), np.bool_), np.ones(len(good), np.bool_)
     for value in values:
-        finite &= np.isfinite(value).all(axis=tuple(range(1, value.ndim)))
-    kept = drop(faults, place, "nan", good & ~finite, "messages hold NaN or infinite values")
-    return np.flatnonzero(broken & kept)
+        entries = tuple(range(1, value.ndim))
+        finite &= np.isfinite(value).all(axis=entries)
+        sane &= (np.abs(value) <= most).all(axis=entries)
+    fits &= drop(faults, place, "nan", fits & ~finite, "messages hold NaN or infinite values")
+    fits &= drop(faults, place, "absurd", fits & ~sane, f"messages hold values beyond {most:g}")
+    return np.flatnonzero(fits)
 
 
 def sorted_rows(faults: Faults, place: str, stamp: Stamps) -> Indices:

@@ -71,4 +71,4 @@ def team_recording(
         stamps, stamps, source, target, measured, measured,
         np.full(stamps.size, np.nan), np.arange(stamps.size),
     )  # fmt: skip
-    return Recording(Team((*anchors, *movers), range_sigma=0.1), odometry, ranges, truth)
+    return Recording(Team((*anchors, *movers), range_sigma=0.1), odometry, ranges, truth=truth)

@@ -79,10 +79,12 @@ def made(n=200, seed=0):
         team,
         odometry,
         ranges,
-        {name: poses(rng, n, 0) for name in names},
-        {name: poses(rng, n, 7, covariance=True) for name in names},
-        {name: poses(rng, n, 7, covariance=True) for name in names},
-        Innovations(times, source, target, residual, sigma, (residual / sigma) ** 2, accepted),
+        truth={name: poses(rng, n, 0) for name in names},
+        estimate={name: poses(rng, n, 7, covariance=True) for name in names},
+        dead_reckoning={name: poses(rng, n, 7, covariance=True) for name in names},
+        innovations=Innovations(
+            times, source, target, residual, sigma, (residual / sigma) ** 2, accepted
+        ),
         attachments=(Attachment("scenario.toml", "application/toml", b"seed = 1\n"),),
     )
 

@@ -1,0 +1,398 @@
+"""Every bad input on every command that can meet it: the exit code, one line, nothing half done."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import struct
+from pathlib import Path
+
+import pytest
+import zstandard
+from mcap.writer import Writer
+from typer.testing import CliRunner
+
+from clt.cli.app import app
+from clt.log.metadata import TEAM, encode_team
+from clt.streams import Robot, Team
+from tests.log.logs import (
+    Cdr,
+    odometry_message,
+    pose_message,
+    range_message,
+    write_log,
+)
+
+SECOND = 10**9
+BEGIN = 1_700_000_000 * SECOND
+NAN = math.nan
+CREW = Team(
+    (
+        Robot("R1", 1, sigma_v=0.2, sigma_omega=0.1),
+        Robot("A1", 7, static=True, position=(0.0, 3.0)),
+        Robot("A2", 8, static=True, position=(4.0, -1.0)),
+    ),
+    range_sigma=0.1,
+)
+LINE = "clt: error: "
+
+
+def stamps(seconds, rate):
+    return [BEGIN + k * SECOND // rate for k in range(1, seconds * rate + 1)]
+
+
+def place(t):
+    """R1 drives along x at 0.5 m/s."""
+    return 0.5 * (t - BEGIN) / SECOND
+
+
+def distance(t, anchor):
+    x, y = CREW.robots[anchor].position
+    return math.hypot(place(t) - x, y)
+
+
+def measured():
+    """The messages of a short drive, by topic: what `localize` reads."""
+    return {
+        "/R1/odom": ("odometry", [(t, odometry_message(t, 0.5, 0.0)) for t in stamps(4, 20)]),
+        "/R1/uwb/range": (
+            "range",
+            [
+                (t, range_message(t, 1, 6 + anchor, distance(t, anchor)))
+                for t in stamps(4, 20)
+                for anchor in (1, 2)
+            ],
+        ),
+        "/R1/ground_truth": ("pose", [(t, pose_message(t, place(t), 0)) for t in [
+            BEGIN, *stamps(4, 20)]]),
+    }  # fmt: skip
+
+
+COVARIANCE = [0.01 * (k in {0, 7, 14, 21, 28, 35}) for k in range(36)]
+
+
+def estimated():
+    """The messages of a result: what `evaluate` and `plot` read."""
+    rows = [(t, pose_message(t, place(t) + 0.05, 0.02, covariance=COVARIANCE)) for t in
+            stamps(4, 20)]  # fmt: skip
+    innovation = [
+        (t, Cdr().put("i", t // SECOND).put("I", t % SECOND).put("H", 1, 7).put("B", 1)
+         .put("d", 0.05, 0.1, 0.25).done())
+        for t in stamps(4, 20)
+    ]  # fmt: skip
+    return {
+        "/R1/ground_truth": measured()["/R1/ground_truth"],
+        "/R1/estimate": ("covariance", rows),
+        "/R1/dead_reckoning": ("covariance", rows),
+        "/clt/innovation": ("innovation", innovation),
+    }
+
+
+def written(topics, team=CREW, **more):
+    return write_log(topics, [(TEAM, encode_team(team))], **more)
+
+
+def base(command):
+    """What a command works on: a measured log, or a result."""
+    return estimated() if command in {"evaluate", "plot"} else measured()
+
+
+MAIN = {"localize": "/R1/odom", "info": "/R1/odom", "evaluate": "/R1/estimate",
+        "plot": "/R1/estimate", "recover": "/R1/odom"}  # fmt: skip
+
+
+def replaced(command, change):
+    """The base with the rows of the command's main topic changed."""
+    topics, topic = base(command), MAIN[command]
+    kind, rows = topics[topic]
+    return written({**topics, topic: (kind, change(rows))})
+
+
+def sound(command):
+    return written(base(command))
+
+
+def truncated(command):
+    data = sound(command)
+    return data[: len(data) // 2]
+
+
+def corrupt(command):
+    data = bytearray(sound(command))
+    where = [match.start() for match in re.finditer(b"zstd", bytes(data))]
+    data[where[1] + 40] ^= 0xFF
+    return bytes(data)
+
+
+def exploding(command):
+    """A chunk of 100 bytes that becomes 512 MB stands behind the header."""
+    packed = zstandard.ZstdCompressor().compress(bytes(512 << 20))
+    body = struct.pack("<QQQII4sQ", 0, 0, 100, 0, 4, b"zstd", len(packed)) + packed
+    data = sound(command)
+    header = 8 + 9 + struct.unpack_from("<Q", data, 9)[0]
+    return data[:header] + struct.pack("<BQ", 6, len(body)) + body + data[header:]
+
+
+def foreign(encoding, profile, schema):
+    def build(_):
+        path = _Buffer()
+        writer = Writer(path)
+        writer.start(profile=profile, library="somebody")
+        number = writer.register_schema("nav_msgs/msg/Odometry", schema, b"{}")
+        channel = writer.register_channel("/R1/odom", encoding, number)
+        writer.add_message(channel, 1, b"{}", 1)
+        writer.finish()
+        return bytes(path)
+
+    return build
+
+
+class _Buffer(bytearray):
+    """A stream that only grows."""
+
+    def write(self, data):
+        self += data
+        return len(data)
+
+    def tell(self):
+        return len(self)
+
+    def flush(self):
+        pass
+
+
+def unreadable_values(command):
+    """NaN and infinity in a tenth of the main topic."""
+    if command in {"evaluate", "plot"}:
+        spoil = lambda t, k: pose_message(  # noqa: E731
+            t, (NAN, math.inf)[k % 2], 0.0, covariance=COVARIANCE
+        )
+    else:
+        spoil = lambda t, k: odometry_message(t, (NAN, math.inf)[k % 2], 0.0)  # noqa: E731
+    return replaced(
+        command,
+        lambda rows: [(t, spoil(t, k) if k % 10 == 3 else data) for k, (t, data) in
+                      enumerate(rows)],
+    )  # fmt: skip
+
+
+def only_nan(command):
+    if command in {"evaluate", "plot"}:
+        change = lambda rows: [  # noqa: E731
+            (t, pose_message(t, NAN, 0.0, covariance=COVARIANCE)) for t, _ in rows
+        ]
+    else:
+        change = lambda rows: [(t, odometry_message(t, NAN, NAN)) for t, _ in rows]  # noqa: E731
+    return replaced(command, change)
+
+
+def nan_ranges(_):
+    topics = measured()
+    rows = [(t, range_message(t, 1, 7, NAN)) for t in stamps(4, 20)]
+    return written({**topics, "/R1/uwb/range": ("range", rows)})
+
+
+def nan_covariance(command):
+    bad = [NAN] * 36
+    return replaced(
+        command, lambda rows: [(t, pose_message(t, place(t), 0.0, covariance=bad)) for t, _ in rows]
+    )
+
+
+def huge_ranges(_):
+    topics = measured()
+    rows = [(t, range_message(t, 1, 7, 1e300)) for t in stamps(4, 20)]
+    return written({**topics, "/R1/uwb/range": ("range", rows)})
+
+
+def huge_twist(command):
+    return replaced(command, lambda rows: [(t, odometry_message(t, 1e300, 0.0)) for t, _ in rows])
+
+
+def backwards(command):
+    """Neighbouring messages swap their places in the file, not their header stamps."""
+    return replaced(
+        command,
+        lambda rows: [(t, rows[k ^ 1][1]) for k, (t, _) in enumerate(rows)],
+    )
+
+
+def twice(command):
+    return replaced(command, lambda rows: [row for row in rows for _ in range(2)])
+
+
+def dropped(*topics):
+    def build(command):
+        return written({name: rows for name, rows in base(command).items() if name not in topics})
+
+    return build
+
+
+def stranger(_):
+    """A third of the ranges are to a robot that is not in the team."""
+    topics = measured()
+    rows = [(t, range_message(t, 1, 99, 3.0)) for t in stamps(4, 20)]
+    kind, ours = topics["/R1/uwb/range"]
+    return written({**topics, "/R1/uwb/range": (kind, ours + rows)})
+
+
+def empty_team(command):
+    return written(base(command), Team(()))
+
+
+def lonely(command):
+    """One robot, nobody to range with."""
+    topics = {name: rows for name, rows in base(command).items()
+              if name not in {"/R1/uwb/range", "/clt/innovation"}}  # fmt: skip
+    return written(topics, Team(CREW.robots[:1]))
+
+
+def with_team(**changes):
+    def build(command):
+        record = dict(encode_team(CREW))
+        robots = json.loads(record["robots"])
+        robots[0].update(changes)
+        return write_log(base(command), [(TEAM, {**record, "robots": json.dumps(robots)})])
+
+    return build
+
+
+ALL = ("info", "localize", "evaluate", "plot", "recover")
+CASES = {
+    "missing": (None, dict.fromkeys(ALL, (1, "No such file"))),
+    "directory": (Path, dict.fromkeys(ALL, (1, "[Dd]irectory"))),
+    "empty": (lambda _: b"", dict.fromkeys(ALL, (1, "is empty"))),
+    "not MCAP": (lambda _: b"stamp,x,y\n1,2,3\n", dict.fromkeys(ALL, (1, "not an MCAP log"))),
+    "truncated": (truncated, dict.fromkeys(ALL, (3, "byte [0-9]+: the log is cut off"))),
+    "corrupt chunk": (corrupt, dict.fromkeys(ALL, (3, "chunk|byte"))),
+    "exploding chunk": (exploding, dict.fromkeys(ALL, (3, "byte"))),
+    "profile ros1": (
+        foreign("ros1", "ros1", "ros1msg"),
+        dict.fromkeys(ALL[:4], (1, "profile `ros1`")) | {"recover": (0, "")},
+    ),
+    "json messages": (
+        foreign("json", "", "jsonschema"),
+        dict.fromkeys(ALL[:4], (1, "json messages")) | {"recover": (0, "")},
+    ),
+    "unknown robot": (
+        stranger,
+        dict.fromkeys(ALL[:2], (3, "80 of 240 ranges name an unknown robot")),
+    ),
+    "no odometry": (dropped("/R1/odom"), {"info": (0, ""), "localize": (1, "no odometry found")}),
+    "no ranges": (dropped("/R1/uwb/range"), {"info": (0, ""), "localize": (1, "no ranges found")}),
+    "no truth": (
+        dropped("/R1/ground_truth"),
+        {
+            "info": (0, ""),
+            "localize": (1, "no ground truth"),
+            "evaluate": (1, "ground truth"),
+            "plot": (1, "ground truth"),
+        },
+    ),
+    "no estimate": (
+        dropped("/R1/estimate"),
+        {"evaluate": (1, "no estimates"), "plot": (1, "no estimates")},
+    ),
+    "only NaN": (
+        only_nan,
+        {
+            "info": (3, "80 of 80 messages hold NaN"),
+            "localize": (1, "no odometry"),
+            "evaluate": (1, "no estimate has a finite pose"),
+            "plot": (1, "no estimate has a finite pose"),
+        },
+    ),
+    "some NaN": (unreadable_values, dict.fromkeys(ALL[:4], (3, "NaN or infinite"))),
+    "NaN ranges": (nan_ranges, {"info": (3, "NaN"), "localize": (1, "no ranges")}),
+    "NaN covariance": (nan_covariance, dict.fromkeys(ALL[2:4], (1, "no estimate has a finite"))),
+    "huge ranges": (huge_ranges, {"info": (3, "beyond 1e"), "localize": (1, "no ranges")}),
+    "huge twist": (huge_twist, {"info": (3, "beyond 1e"), "localize": (1, "no odometry")}),
+    "backwards": (backwards, dict.fromkeys(ALL[:4], (0, "go back in time"))),
+    "duplicates": (twice, dict.fromkeys(ALL[:4], (0, "repeat a stamp"))),
+    "empty team": (
+        empty_team,
+        dict.fromkeys(ALL[1:4], (1, "not in the team")) | {"info": (3, "team")},
+    ),
+    "one robot": (lonely, {"info": (0, ""), "localize": (1, "no ranges"), "evaluate": (0, "")}),
+    "bad name": (with_team(name="R 1"), dict.fromkeys(ALL[:4], (1, "not a robot name"))),
+    "two with one id": (with_team(id=7), dict.fromkeys(ALL[:4], (1, "share one id"))),
+    "NaN antenna": (with_team(antenna=[NAN, 0.0]), dict.fromkeys(ALL[:4], (1, "antenna"))),
+}
+ROWS = [
+    pytest.param(build, command, code, told, id=f"{name}-{command}")
+    for name, (build, expected) in CASES.items()
+    for command, (code, told) in expected.items()
+]
+
+
+@pytest.fixture
+def clt(monkeypatch, tmp_path):
+    """Run one command in an empty folder; returns exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+    for name in [name for name in os.environ if name.startswith("CLT_")]:
+        monkeypatch.delenv(name)
+
+    def run(*words):
+        done = CliRunner().invoke(app, [str(word) for word in words])
+        if done.exception is not None and not isinstance(done.exception, SystemExit):
+            raise done.exception
+        return done.exit_code, done.stdout, done.stderr
+
+    return run
+
+
+def words_of(command):
+    return {
+        "info": ("info", "in.mcap", "--json"),
+        "localize": ("localize", "in.mcap", "--init", "truth", "-o", "out.mcap"),
+        "evaluate": ("evaluate", "in.mcap", "--json"),
+        "plot": ("plot", "in.mcap", "-o", "out.svg"),
+        "recover": ("recover", "in.mcap", "-o", "out.mcap"),
+    }[command]
+
+
+@pytest.mark.parametrize("command", ALL)
+def test_the_sound_log_is_sound(clt, tmp_path, command):
+    """Else the table below would prove nothing."""
+    (tmp_path / "in.mcap").write_bytes(sound(command))
+    code, _, err = clt(*words_of(command))
+    assert code == 0, err
+    assert "warning" not in err
+
+
+@pytest.mark.parametrize(("build", "command", "code", "told"), ROWS)
+def test_bad_input(clt, tmp_path, build, command, code, told):
+    path = tmp_path / "in.mcap"
+    if build is Path:
+        path.mkdir()
+    elif build is not None:
+        path.write_bytes(build(command))
+    found, out, err = clt(*words_of(command))
+    assert found == code, err
+    assert re.search(told, err), err
+    kinds = [line.split(": ")[1] for line in err.splitlines() if line.startswith("clt: ")]
+    left = {name.name for name in tmp_path.iterdir()} - {"in.mcap"}
+    if code == 1:
+        assert kinds == ["warning"] * (len(kinds) - 1) + ["error"]
+        assert err.splitlines()[-1].startswith(LINE)
+        assert (out, left) == ("", set())
+    else:
+        assert kinds == ["warning"] * len(kinds)
+        assert len(kinds) > 0 or told == ""
+        assert left == {word for word in words_of(command) if word.startswith("out")}
+    if out != "":
+        json.loads(out, parse_constant=pytest.fail)
+
+
+@pytest.mark.parametrize(("build", "command", "code", "told"), ROWS)
+def test_bad_input_as_text(clt, tmp_path, build, command, code, told):
+    """What people read holds no NaN either, and ends with the same code."""
+    if command not in {"info", "evaluate"} or build in {None, Path}:
+        pytest.skip("prints no result as text")
+    (tmp_path / "in.mcap").write_bytes(build(command))
+    found, out, err = clt(command, "in.mcap")
+    assert found == code, err
+    assert re.search(r"\b(nan|inf)\b", out) is None, out
+    assert (out == "") == (code == 1)
