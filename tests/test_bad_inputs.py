@@ -6,7 +6,11 @@ import json
 import math
 import os
 import re
+import resource
 import struct
+import subprocess
+import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -188,25 +192,6 @@ def only_nan(command):
     return replaced(command, change)
 
 
-def nan_ranges(_):
-    topics = measured()
-    rows = [(t, range_message(t, 1, 7, NAN)) for t in stamps(4, 20)]
-    return written({**topics, "/R1/uwb/range": ("range", rows)})
-
-
-def nan_covariance(command):
-    bad = [NAN] * 36
-    return replaced(
-        command, lambda rows: [(t, pose_message(t, place(t), 0.0, covariance=bad)) for t, _ in rows]
-    )
-
-
-def huge_ranges(_):
-    topics = measured()
-    rows = [(t, range_message(t, 1, 7, 1e300)) for t in stamps(4, 20)]
-    return written({**topics, "/R1/uwb/range": ("range", rows)})
-
-
 def huge_twist(command):
     return replaced(command, lambda rows: [(t, odometry_message(t, 1e300, 0.0)) for t, _ in rows])
 
@@ -221,6 +206,51 @@ def backwards(command):
 
 def twice(command):
     return replaced(command, lambda rows: [row for row in rows for _ in range(2)])
+
+
+def far(command):
+    """One message is years late by its header."""
+    t = BEGIN + 10 * 365 * 86400 * SECOND
+    odometry = odometry_message(t, 0.5, 0.0)
+    pose = pose_message(t, place(stamps(4, 20)[-1]), 0.0, covariance=COVARIANCE)
+    message = pose if command in {"evaluate", "plot"} else odometry
+    return replaced(command, lambda rows: [*rows, (t, message)])
+
+
+def at_once(command):
+    """Every message has the same stamp: one of them can count."""
+    odometry = odometry_message(BEGIN, 0.5, 0.0)
+    pose = pose_message(BEGIN, 0.0, 0.0, covariance=COVARIANCE)
+    message = pose if command in {"evaluate", "plot"} else odometry
+    return replaced(command, lambda rows: [(t, message) for t, _ in rows])
+
+
+def constant_ranges(value):
+    def build(_):
+        rows = [(t, range_message(t, 1, 7, value)) for t in stamps(4, 20)]
+        return written({**measured(), "/R1/uwb/range": ("range", rows)})
+
+    return build
+
+
+def far_away(command):
+    """Estimates 100 million kilometres off."""
+    pose = lambda t: pose_message(t, 1e11, -1e11, covariance=COVARIANCE)  # noqa: E731
+    return replaced(command, lambda rows: [(t, pose(t)) for t, _ in rows])
+
+
+def no_heading(command):
+    """A reference that knows positions alone."""
+    rows = [(t, pose_message(t, place(t), 0.0, (0, 0, 0, 0))) for t in [BEGIN, *stamps(4, 20)]]
+    return written({**base(command), "/R1/ground_truth": ("pose", rows)})
+
+
+def singular(value):
+    """Covariances that are none."""
+    bad = [value] * 36
+    return lambda command: replaced(
+        command, lambda rows: [(t, pose_message(t, place(t), 0.0, covariance=bad)) for t, _ in rows]
+    )
 
 
 def dropped(*topics):
@@ -259,10 +289,11 @@ def with_team(**changes):
     return build
 
 
+FOLDER = "a folder"
 ALL = ("info", "localize", "evaluate", "plot", "recover")
 CASES = {
     "missing": (None, dict.fromkeys(ALL, (1, "No such file"))),
-    "directory": (Path, dict.fromkeys(ALL, (1, "[Dd]irectory"))),
+    "directory": (FOLDER, dict.fromkeys(ALL, (1, "[Dd]irectory"))),
     "empty": (lambda _: b"", dict.fromkeys(ALL, (1, "is empty"))),
     "not MCAP": (lambda _: b"stamp,x,y\n1,2,3\n", dict.fromkeys(ALL, (1, "not an MCAP log"))),
     "truncated": (truncated, dict.fromkeys(ALL, (3, "byte [0-9]+: the log is cut off"))),
@@ -305,10 +336,31 @@ CASES = {
         },
     ),
     "some NaN": (unreadable_values, dict.fromkeys(ALL[:4], (3, "NaN or infinite"))),
-    "NaN ranges": (nan_ranges, {"info": (3, "NaN"), "localize": (1, "no ranges")}),
-    "NaN covariance": (nan_covariance, dict.fromkeys(ALL[2:4], (1, "no estimate has a finite"))),
-    "huge ranges": (huge_ranges, {"info": (3, "beyond 1e"), "localize": (1, "no ranges")}),
+    "NaN ranges": (constant_ranges(NAN), {"info": (3, "NaN"), "localize": (1, "no ranges")}),
+    "NaN covariance": (singular(NAN), dict.fromkeys(ALL[2:4], (1, "no estimate has a finite"))),
+    "huge ranges": (
+        constant_ranges(1e300),
+        {"info": (3, "beyond 1e"), "localize": (1, "no ranges")},
+    ),
     "huge twist": (huge_twist, {"info": (3, "beyond 1e"), "localize": (1, "no odometry")}),
+    "negative ranges": (constant_ranges(-5.0), {"localize": (3, "R1 has diverged")}),
+    "ranges of zero": (constant_ranges(0.0), {"localize": (3, "R1 has diverged")}),
+    "far ranges": (constant_ranges(1e11), {"localize": (3, "R1 has diverged")}),
+    "far stamp": (
+        far,
+        dict.fromkeys(("info", "evaluate", "plot"), (0, "")) | {"localize": (0, "gaps")},
+    ),
+    "one instant": (
+        at_once,
+        dict.fromkeys(ALL[2:4], (0, "only 1 of 81")) | {"localize": (3, "dead reckoning")},
+    ),
+    "far away": (far_away, dict.fromkeys(ALL[2:4], (3, "diverged"))),
+    "no heading": (
+        no_heading,
+        dict.fromkeys(ALL[2:4], (0, "has no heading")) | {"localize": (1, "has no heading")},
+    ),
+    "zero covariance": (singular(0.0), dict.fromkeys(ALL[2:4], (0, "singular"))),
+    "negative covariance": (singular(-1.0), dict.fromkeys(ALL[2:4], (0, "singular"))),
     "backwards": (backwards, dict.fromkeys(ALL[:4], (0, "go back in time"))),
     "duplicates": (twice, dict.fromkeys(ALL[:4], (0, "repeat a stamp"))),
     "empty team": (
@@ -324,6 +376,10 @@ ROWS = [
     pytest.param(build, command, code, told, id=f"{name}-{command}")
     for name, (build, expected) in CASES.items()
     for command, (code, told) in expected.items()
+]
+
+TEXT_ROWS = [
+    row for row in ROWS if row.values[1] in {"info", "evaluate"} and callable(row.values[0])
 ]
 
 
@@ -365,7 +421,7 @@ def test_the_sound_log_is_sound(clt, tmp_path, command):
 @pytest.mark.parametrize(("build", "command", "code", "told"), ROWS)
 def test_bad_input(clt, tmp_path, build, command, code, told):
     path = tmp_path / "in.mcap"
-    if build is Path:
+    if build == FOLDER:
         path.mkdir()
     elif build is not None:
         path.write_bytes(build(command))
@@ -386,13 +442,109 @@ def test_bad_input(clt, tmp_path, build, command, code, told):
         json.loads(out, parse_constant=pytest.fail)
 
 
-@pytest.mark.parametrize(("build", "command", "code", "told"), ROWS)
+@pytest.mark.parametrize(("build", "command", "code", "told"), TEXT_ROWS)
 def test_bad_input_as_text(clt, tmp_path, build, command, code, told):
     """What people read holds no NaN either, and ends with the same code."""
-    if command not in {"info", "evaluate"} or build in {None, Path}:
-        pytest.skip("prints no result as text")
     (tmp_path / "in.mcap").write_bytes(build(command))
     found, out, err = clt(command, "in.mcap")
     assert found == code, err
     assert re.search(r"\b(nan|inf)\b", out) is None, out
     assert (out == "") == (code == 1)
+
+
+FULL = Path("/dev/full")
+full = pytest.mark.skipif(not FULL.exists(), reason="the system has no /dev/full")
+
+
+@pytest.mark.parametrize("command", ["localize", "recover", "plot"])
+def test_an_output_that_exists_is_kept(clt, tmp_path, command):
+    (tmp_path / "in.mcap").write_bytes(sound(command))
+    out = tmp_path / words_of(command)[-1]
+    out.write_bytes(b"mine")
+    code, _, err = clt(*words_of(command))
+    assert (code, err) == (1, f"{LINE}{out.name}: exists; use --force to overwrite it\n")
+    assert out.read_bytes() == b"mine"
+    code, _, err = clt(*words_of(command), "--force")
+    assert code == 0
+    assert out.read_bytes() != b"mine"
+
+
+@pytest.mark.parametrize("command", ["localize", "recover", "plot"])
+@pytest.mark.parametrize("force", [(), ("--force",)])
+def test_an_input_is_never_overwritten(clt, tmp_path, command, force):
+    path = tmp_path / ("in.mcap" if command != "plot" else "in.svg")
+    path.write_bytes(sound(command))
+    before = path.read_bytes()
+    (tmp_path / f"link{path.suffix}").symlink_to(path)
+    for output in (path, tmp_path / f"link{path.suffix}"):
+        code, _, err = clt(command, path, "-o", output, *force)
+        assert (code, err) == (1, f"{LINE}{output}: is also an input; choose another output\n")
+        assert path.read_bytes() == before
+
+
+@full
+@pytest.mark.parametrize("command", ["localize", "recover"])
+def test_a_full_disk(clt, tmp_path, command):
+    (tmp_path / "in.mcap").write_bytes(sound(command))
+    words = [FULL if word == "out.mcap" else word for word in words_of(command)]
+    code, out, err = clt(*words)
+    assert (code, out) == (1, "")
+    assert err.splitlines()[-1] == f"{LINE}{FULL}: No space left on device"
+    assert err.count(LINE) == 1
+
+
+def test_a_disk_that_fills_up_on_the_way_keeps_nothing(tmp_path):
+    """As a limit on the size of files: the log is 20 kB, 8 kB fit."""
+    (tmp_path / "in.mcap").write_bytes(sound("recover"))
+    limit = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (8192, 8192))
+    done = subprocess.run(
+        [sys.executable, "-m", "clt", "recover", "in.mcap", "-o", "out.mcap"],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+        preexec_fn=limit,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == f"{LINE}out.mcap: File too large\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["in.mcap"]
+
+
+@full
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("info", "in.mcap"),
+        ("info", "in.mcap", "--json"),
+        ("evaluate", "in.mcap"),
+        ("evaluate", "in.mcap", "--json"),
+        ("plot", "in.mcap", "-o", "-"),
+        ("localize", "in.mcap", "-o", "-"),
+        ("recover", "in.mcap", "-o", "-"),
+        ("simulate", "shi-sim", "--duration", "1", "-o", "-"),
+    ],
+)
+def test_standard_output_on_a_full_disk(tmp_path, words):
+    """A real process: what Python itself says about its standard output counts too."""
+    (tmp_path / "in.mcap").write_bytes(sound(words[0]))
+    with FULL.open("wb") as out:
+        done = subprocess.run(
+            [sys.executable, "-m", "clt", *words],
+            cwd=tmp_path, stdout=out, stderr=subprocess.PIPE, check=False,
+        )  # fmt: skip
+    lines = done.stderr.decode().splitlines()
+    assert done.returncode == 1, lines
+    assert [line for line in lines if "Traceback" in line or "Exception" in line] == []
+    assert [line for line in lines if line.startswith(LINE)] == lines[-1:]
+    assert "No space left on device" in lines[-1]
+
+
+def test_a_reader_that_leaves_early_is_no_traceback(tmp_path):
+    (tmp_path / "in.mcap").write_bytes(sound("localize"))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "clt", "localize", "in.mcap", "-q", "-o", "-"],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    process.stdout.close()
+    err = process.stderr.read()
+    process.stderr.close()
+    assert process.wait() == 1
+    assert b"Traceback" not in err
+    assert b"Exception" not in err

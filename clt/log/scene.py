@@ -94,9 +94,7 @@ def _thin(stamp: Stamps, step: int) -> NDArray[np.int64]:
 
 def _scene(recording: Recording, drawn: Mapping[str, Poses]) -> Channel:
     """A MarkerArray every SCENE_STEP or slower, over the time of the drawn trajectories."""
-    begin = min(int(poses.stamp[0]) for poses in drawn.values())
-    end = max(int(poses.stamp[-1]) for poses in drawn.values())
-    at = np.arange(begin, end + 1, SCENE_STEP * _slower(drawn))
+    at = _scene_times(drawn, SCENE_STEP * _slower(drawn))
     frame = next(iter(drawn.values())).frame
     painter = _Painter(recording, drawn, frame, 2 * _pair_count(recording))
     size = len(painter.markers(at[:0]).layout().template)
@@ -105,6 +103,16 @@ def _scene(recording: Recording, drawn: Mapping[str, Poses]) -> Channel:
         return painter.markers(at[select]).rows()
 
     return Channel("/clt/scene", SCENE, at, at, np.full(at.size, size), encode)
+
+
+def _scene_times(drawn: Mapping[str, Poses], step: int) -> Stamps:
+    """Multiples of `step` ns since the first pose, none in gaps once the last pose is not shown."""
+    begin = min(int(poses.stamp[0]) for poses in drawn.values())
+    end = max(int(poses.stamp[-1]) for poses in drawn.values())
+    seen = np.unique(np.concatenate([(p.stamp - begin) // step for p in drawn.values()]))
+    until_gone = np.arange(FRESH // step + 2)
+    at = begin + step * np.unique(np.add.outer(seen, until_gone))
+    return np.asarray(at[at <= end], np.int64)
 
 
 def _slower(drawn: Mapping[str, Poses]) -> int:

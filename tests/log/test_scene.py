@@ -83,6 +83,22 @@ def test_nothing_is_shown_of_a_log_without_poses(synthetic):
     assert scene_channels(recording) == []
 
 
+def test_a_gap_of_years_is_not_filled_with_scenes(synthetic, shown):
+    """A wrong clock may place one pose anywhere; scenes end when the last pose is too old."""
+    recording = synthetic(n=100)
+    track = recording.estimate["R1"]
+    late = track.stamp.copy()
+    late[-1] += 10 * 365 * 86400 * 10**9
+    moved = replace(track, stamp=late, log_time=late)
+    _, scenes = shown(replace(recording, estimate={"R1": moved}))
+    times = np.array([time for time, _ in scenes])
+    regular = (times - track.stamp[0]) / scene.SCENE_STEP
+    assert times[0] == track.stamp[0]
+    assert regular.tolist() == pytest.approx([*range(len(times) - 1), regular[-1]])
+    assert 10 <= len(times) <= 15
+    assert 0 <= late[-1] - times[-1] < scene.SCENE_STEP
+
+
 def test_every_scene_replaces_the_last(synthetic, shown):
     _, scenes = shown(synthetic(n=100))
     names = [[(m.ns, m.id, m.type) for m in message.markers] for _, message in scenes]

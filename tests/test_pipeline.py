@@ -1,0 +1,77 @@
+"""From a recording and a start to everything that a result log holds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from clt.filters import world
+from clt.filters.settings import FilterSettings
+from clt.init.start import InitialPose
+from clt.init.truth import from_truth
+from clt.pipeline import certain, estimate, finite, placed
+from clt.streams import Attachment
+from tests.filters.teams import team_recording
+
+DEFAULTS = FilterSettings()
+
+
+@pytest.fixture(scope="module")
+def recording():
+    attached = (Attachment("scenario.toml", "application/toml", b"seed = 1\n"),)
+    return replace(team_recording(seconds=5.0), attachments=attached, run={"seed": "1"})
+
+
+@pytest.fixture(scope="module")
+def start(recording):
+    return from_truth(recording, (0.01, 0.01, 0.01))
+
+
+def test_a_result_carries_what_it_was_made_from_except_the_measurements(recording, start):
+    result = estimate(recording, start, DEFAULTS)
+    assert result.start is start
+    made = result.recording
+    assert made.truth == recording.truth
+    assert made.attachments == recording.attachments
+    assert made.run == recording.run
+    assert dict(made.odometry) == {}
+    assert made.ranges.stamp.size == 0
+    assert made.estimate == result.posterior.poses
+    assert made.innovations is result.posterior.innovations
+    baseline = world.dead_reckon(recording, start, DEFAULTS)
+    assert set(made.dead_reckoning) == set(made.estimate)
+    for name, poses in made.dead_reckoning.items():
+        np.testing.assert_array_equal(poses.x, baseline[name].x)
+
+
+def test_estimates_beat_dead_reckoning(recording, start):
+    made = estimate(recording, start, DEFAULTS).recording
+    for name, truth in made.truth.items():
+        found, reckoned = made.estimate[name], made.dead_reckoning[name]
+        rmse = [np.hypot(p.x - truth.x, p.y - truth.y).std() for p in (found, reckoned)]
+        assert rmse[0] < rmse[1]
+
+
+def test_fixed_robots_get_the_position_that_the_filter_took(recording, start):
+    moved = InitialPose(np.array([11.0, 1.0, 0.0]), np.zeros((3, 3)))
+    vague = InitialPose(np.array([11.0, 1.0, 0.0]), np.diag([0.01, 0.01, 0.0]))
+    for pose, expected in ((moved, (11.0, 1.0)), (vague, (12.0, 0.0))):
+        other = replace(start, poses={**start.poses, "S2": pose})
+        robots = {robot.name: robot for robot in placed(recording.team, other)}
+        assert robots["S2"].position == expected
+        assert robots["S1"].position == (0.0, 0.0)
+        assert robots["R1"].position is None
+    assert (certain(moved), certain(vague)) == (True, False)
+
+
+@pytest.mark.parametrize("column", ["x", "y", "heading", "covariance"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_trajectory_that_is_not_finite_never_reaches_a_log(recording, start, column, value):
+    posterior = world.localize(recording, start, DEFAULTS)
+    broken = np.array(getattr(posterior.poses["R2"], column))
+    broken[3] = value
+    poses = {**posterior.poses, "R2": replace(posterior.poses["R2"], **{column: broken})}
+    assert set(finite(replace(posterior, poses=poses))) == {"R1", "R3"}
+    assert set(finite(posterior)) == {"R1", "R2", "R3"}
