@@ -10,7 +10,7 @@ from clt.filters import world
 from clt.filters.posterior import Posterior
 from clt.filters.settings import FilterSettings
 from clt.init.start import InitialPose, Start
-from clt.streams import Poses, Recording, Robot, Team, no_ranges
+from clt.streams import Poses, Recording, Robot, Team, no_frames, no_ranges
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ def estimate(recording: Recording, start: Start, settings: FilterSettings) -> Re
         team=replace(recording.team, robots=placed(recording.team, start)),
         odometry={},
         ranges=no_ranges(),
+        frames=no_frames(),
         estimate=finite(posterior),
         dead_reckoning={name: baseline[name] for name in finite(posterior)},
         innovations=posterior.innovations,

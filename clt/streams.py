@@ -49,6 +49,8 @@ class Team:
     robots: tuple[Robot, ...]
     range_sigma: float = float("nan")
     """Noise of one calibrated range where its message does not tell, m."""
+    range_correlation: float = 0.0
+    """Correlation time of the error of one pair's ranges, s; 0: independent."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -97,6 +99,35 @@ class Ranges:
     sigma: Floats
     """Standard deviation of `range` as its message tells it, m; NaN unknown."""
     sequence: Indices
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Packets of a UWB broadcast network as a listener heard them, shape (n,).
+
+    Ticks are readings of the sender's 40-bit counter (see `clt.ticks`).
+    """
+
+    stamp: Stamps
+    """When the listener heard the packet."""
+    log_time: Stamps
+    source: Indices
+    """Sender: index into `Team.robots`."""
+    sequence: Indices
+    """Counts the sender's packets."""
+    transmit: Indices
+    """Ticks."""
+    receive: Indices
+    """When the sender had received the latest packet of each robot, ticks, shape (n, robots);
+    -1 for one that it has not heard since its own previous packet."""
+    heard: Indices
+    """Sequence number of that packet, shape (n, robots); -1 likewise."""
+    odometry_stamp: Indices
+    """When the carried odometry was true, ticks; -1 where the packet carries none."""
+    v: Floats
+    """Carried odometry, m/s; NaN where there is none."""
+    omega: Floats
+    """rad/s."""
 
 
 @dataclass(frozen=True)
@@ -159,6 +190,13 @@ def no_ranges() -> Ranges:
     return Ranges(i, i, i, i, f, f, f, i)
 
 
+def no_frames() -> Frames:
+    """An empty table."""
+    i, f = np.empty(0, np.int64), np.empty(0)
+    none = np.empty((0, 0), np.int64)
+    return Frames(i, i, i, i, i, none, none, i, f, f)
+
+
 @dataclass(frozen=True)
 class Recording:
     """A log in memory. Mappings go from a robot's name to its stream; absent means no data."""
@@ -174,3 +212,4 @@ class Recording:
     """The `clt.run` metadata of the log: every value a string, documents as JSON."""
     attachments: tuple[Attachment, ...] = ()
     faults: tuple[Fault, ...] = ()
+    frames: Frames = field(default_factory=no_frames)

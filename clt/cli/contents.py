@@ -19,6 +19,7 @@ SHOWN = 20
 """Pairs and topics in the tables; the rest is in the JSON."""
 ROLES = {
     "odometry": "odometry",
+    "frames": "UWB packets",
     "truth": "truth",
     "estimate": "estimate",
     "dead_reckoning": "dead reckoning",

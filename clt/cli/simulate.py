@@ -137,6 +137,8 @@ def tell(
         "ranges": len(recording.ranges.stamp),
         "truth": sum(len(poses.stamp) for poses in recording.truth.values()),
     }
+    if len(recording.frames.stamp) > 0:
+        counts["frames"] = len(recording.frames.stamp)
     team = recording.team
     if as_json:
         print(json.dumps({"log": str(log), "robots": list(team.names), "messages": counts}))

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from clt.errors import LogError
+from clt.log.convert import Table
 from clt.log.metadata import TEAM, decode_team
 from clt.log.ranging import Measured
 from clt.log.reader import Log
@@ -55,26 +56,33 @@ def given(streams: StreamsFile) -> Team:
     )
 
 
-def inferred(log: Log, measured: Sequence[tuple[str, Measured]]) -> Team:
+def inferred(
+    log: Log, measured: Sequence[tuple[str, Measured]], framed: Mapping[str, Table]
+) -> Team:
     """The team that topics named as clt's suggest: robots without odometry stand still.
 
-    Ids: what a robot's own ranges give as their source, else the number that its name ends with.
+    Ids: what a robot's own ranges or packets give as their source, else the number that its name
+    ends with.
     Targets that have no topics become static robots named after their id.
     """
     roles = [found for found in map(role_of, log.topics) if found is not None]
     names = sorted({robot for robot, _ in roles if robot != ""}, key=natural)
     moving = {robot for robot, role in roles if role == "odometry"}
+    moving |= {robot for robot, one in framed.items() if one.column("odometry_valid").any()}
     ids: dict[str, int] = {}
     seen: set[int] = set()
+    told = [(robot, one.column("source")[one.decoded.good]) for robot, one in framed.items()]
     for robot, one in measured:
         if isinstance(one.source, str) or isinstance(one.target, str):
             continue
         good = one.data.decoded.good
-        numbers, counts = np.unique(one.source[good], return_counts=True)
+        told.append((robot, one.source[good]))
+        seen |= {int(number) for number in np.unique(one.target[good])}
+    for robot, sources in told:
+        numbers, counts = np.unique(sources, return_counts=True)
         free = [int(n) for n in numbers[np.argsort(-counts)] if int(n) not in ids.values()]
         if robot not in ids and len(free) > 0:
             ids[robot] = free[0]
-        seen |= {int(number) for number in np.unique(one.target[good])}
     for name in names:
         digits = re.search(r"[0-9]+$", name)
         number = -1 if digits is None else int(digits[0])
@@ -105,4 +113,5 @@ def known_only(log: Log, roles: Roles, team: Team) -> Roles:
         truth=keep(roles.truth),
         estimate=keep(roles.estimate),
         dead_reckoning=keep(roles.dead_reckoning),
+        frames=keep(roles.frames),
     )

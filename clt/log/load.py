@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from clt.errors import LogError
-from clt.log import convert, crew, ranging
+from clt.log import convert, crew, packets, ranging
 from clt.log.metadata import RUN
 from clt.log.reader import Log, Topic, read
 from clt.log.roles import ALL, Roles, by_file, by_name, role_of
@@ -70,10 +70,11 @@ def _wanted(topic: str, mapped: StreamsFile | None, want: frozenset[str]) -> boo
 
 def _recording(log: Log, roles: Roles, mapped: StreamsFile | None) -> Recording:
     measured = [(name, ranging.measure(log, stream)) for name, stream in roles.ranges]
+    framed = packets.decode_frames(log, roles.frames)
     if mapped is not None:
         team = crew.given(mapped)
     else:
-        team = crew.told(log) or crew.inferred(log, measured)
+        team = crew.told(log) or crew.inferred(log, measured, framed)
         roles = crew.known_only(log, roles, team)
         if len(team.robots) == 0:
             text = f"no topic is named as clt names them; map them with --streams: {_list(log)}"
@@ -92,6 +93,7 @@ def _recording(log: Log, roles: Roles, mapped: StreamsFile | None) -> Recording:
         team=team,
         odometry={name: twist for name, twist in odometry.items() if len(twist.stamp) > 0},
         ranges=ranges if len(measured) > 0 else no_ranges(),
+        frames=packets.join_frames(log, [framed[name] for name in roles.frames], team),
         truth={name: poses for name, poses in truth.items() if len(poses.stamp) > 0},
         estimate=estimate,
         dead_reckoning=reckoned,

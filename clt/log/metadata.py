@@ -18,7 +18,7 @@ NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 def encode_team(team: Team, calibration: Mapping[str, object] | None = None) -> dict[str, str]:
-    """A team as a metadata record: `robots`, `range_sigma` and, if given, `calibration`.
+    """A team as a metadata record: `robots`, the ranges' noise and, if given, `calibration`.
 
     NaN ("not known") is written as null. Raises ValueError for an infinite number.
     """
@@ -26,6 +26,8 @@ def encode_team(team: Team, calibration: Mapping[str, object] | None = None) -> 
         "robots": [_encode(robot) for robot in team.robots],
         "range_sigma": _known(team.range_sigma),
     }
+    if team.range_correlation > 0.0:
+        record["range_correlation"] = team.range_correlation
     if calibration is not None:
         record["calibration"] = calibration
     return {
@@ -38,9 +40,13 @@ def decode_team(record: Mapping[str, str]) -> Team:
     robots = _json(record, "robots")
     if not isinstance(robots, list):
         raise LogError(f"{TEAM}: `robots` is not a list")
+    correlation = _number(
+        _json(record, "range_correlation", "0"), "range_correlation", positive=True
+    )
     team = Team(
         tuple(_decode(robot, f"robots[{index}]") for index, robot in enumerate(robots)),
         _number(_json(record, "range_sigma", "null"), "range_sigma", positive=True),
+        0.0 if math.isnan(correlation) else correlation,
     )
     for what, values in (("name", team.names), ("id", [robot.id for robot in team.robots])):
         if len(set(values)) < len(values):

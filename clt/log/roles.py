@@ -5,24 +5,24 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 if TYPE_CHECKING:
     from clt.log.streamsfile import StreamsFile  # pydantic is slow to import
 
-Role = Literal["odometry", "ranges", "truth", "estimate", "dead_reckoning", "innovations"]
-ALL: frozenset[str] = frozenset(
-    {"odometry", "ranges", "truth", "estimate", "dead_reckoning", "innovations"}
-)
+Role = Literal["odometry", "ranges", "frames", "truth", "estimate", "dead_reckoning", "innovations"]
+ALL: frozenset[str] = frozenset(get_args(Role))
 
 INNOVATION = "/clt/innovation"
 OURS = re.compile(
-    r"/(?P<robot>[A-Za-z]\w*)/(?P<leaf>odom|uwb/range|ground_truth|estimate|dead_reckoning)",
+    r"/(?P<robot>[A-Za-z]\w*)/"
+    r"(?P<leaf>odom|uwb/range|uwb/frame|ground_truth|estimate|dead_reckoning)",
     re.ASCII,
 )
 LEAVES: dict[str, Role] = {
     "odom": "odometry",
     "uwb/range": "ranges",
+    "uwb/frame": "frames",
     "ground_truth": "truth",
     "estimate": "estimate",
     "dead_reckoning": "dead_reckoning",
@@ -63,6 +63,7 @@ class Roles:
     ranges: tuple[tuple[str, RangeStream], ...] = ()
     """Robot (or the topic, where a file names it) and stream."""
     innovation: str | None = None
+    frames: dict[str, Stream] = field(default_factory=dict)
 
 
 def role_of(topic: str) -> tuple[str, Role] | None:
@@ -103,6 +104,7 @@ def by_name(topics: Iterable[str], want: frozenset[str]) -> Roles:
         roles.dead_reckoning,
         tuple(ranges),
         innovation,
+        roles.frames,
     )
 
 

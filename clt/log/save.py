@@ -15,6 +15,7 @@ from clt.log.channels import (
     truth_channel,
 )
 from clt.log.metadata import RUN, TEAM, encode_team
+from clt.log.packets import frame_channel
 from clt.log.plan import Channel
 from clt.log.scene import scene_channels
 from clt.log.write import write_log
@@ -46,12 +47,15 @@ def _channels(recording: Recording) -> Iterator[Channel]:
     """One channel per stream that has data."""
     team = recording.team
     measured = np.unique(recording.ranges.source)
+    sent = np.unique(recording.frames.source)
     for index, robot in enumerate(team.robots):
         name = robot.name
         if name in recording.odometry:
             yield odometry_channel(robot, recording.odometry[name])
         if index in measured:
             yield range_channel(team, index, recording.ranges)
+        if index in sent:
+            yield frame_channel(team, index, recording.frames)
         if name in recording.truth:
             yield truth_channel(name, recording.truth[name])
         if name in recording.estimate:

@@ -36,7 +36,7 @@ class Summary:
     """First stamp of any stream, ns; None for a log without streams."""
     end: int | None
     streams: Mapping[str, Mapping[str, Rhythm]]
-    """By role (`odometry`, `truth`, `estimate`, `dead_reckoning`), then robot."""
+    """By role (`odometry`, `truth`, `estimate`, `dead_reckoning`, `frames`), then robot."""
     pairs: Mapping[tuple[str, str], Rhythm]
     innovations: int
     accepted: int
@@ -66,8 +66,16 @@ def summarize(recording: Recording) -> Summary:
         "estimate": recording.estimate,
         "dead_reckoning": recording.dead_reckoning,
     }
+    frames = {
+        robot.name: recording.frames.stamp[recording.frames.source == index]
+        for index, robot in enumerate(recording.team.robots)
+    }
     stamps = [stream.stamp for streams in tracks.values() for stream in streams.values()]
-    stamps = [stamp for stamp in [*stamps, recording.ranges.stamp] if len(stamp) > 0]
+    stamps = [
+        stamp
+        for stamp in [*stamps, recording.ranges.stamp, recording.frames.stamp]
+        if len(stamp) > 0
+    ]
     found = recording.innovations
     return Summary(
         min((int(stamp[0]) for stamp in stamps), default=None),
@@ -75,7 +83,8 @@ def summarize(recording: Recording) -> Summary:
         {
             role: {name: rhythm(stream.stamp) for name, stream in streams.items()}
             for role, streams in tracks.items()
-        },
+        }
+        | {"frames": {name: rhythm(stamp) for name, stamp in frames.items() if len(stamp) > 0}},
         pair_rhythms(recording.ranges, recording.team),
         0 if found is None else len(found.stamp),
         0 if found is None else int(np.count_nonzero(found.accepted)),

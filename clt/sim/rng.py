@@ -22,6 +22,10 @@ class Purpose(IntEnum):
     TRUTH = 6
     LOSS = 7
     DELAY = 8
+    CLOCK = 9
+    STAMP = 10
+    HEARD = 11
+    ANTENNA = 12
 
 
 def stream(seed: int, purpose: Purpose, *key: int) -> np.random.Generator:

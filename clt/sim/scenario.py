@@ -15,6 +15,7 @@ from clt.settings import Settings, assign, nearest, parse, read_toml
 from clt.sim.settings import (
     Network,
     Outliers,
+    Radio,
     RobotTable,
     Sensors,
     TeamTable,
@@ -38,6 +39,8 @@ class Scenario(Settings):
     sensors: Sensors = Sensors()
     outliers: Outliers = Outliers()
     network: Network = Network()
+    radio: Radio | None = None
+    """Absent: the log holds ranges. Present: raw packets of a UWB network instead."""
 
     @model_validator(mode="after")
     def names_are_unique(self) -> Self:

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from clt.errors import UsageError
 from clt.sim.motion import paths
+from clt.sim.packets import packets
 from clt.sim.ranging import Pair, antenna, distance, excess, pairs
 from clt.sim.rng import Purpose, stream
 from clt.sim.scenario import Scenario, effective_toml
-from clt.sim.sensors import DECIMALS, SECOND, odometry, reference, sampling
+from clt.sim.scene import EPOCH, Scene, pair_key, robot_key, transport
+from clt.sim.sensors import DECIMALS, odometry, reference, sampling
 from clt.sim.settings import Network, Noise, Outliers
 from clt.sim.team import Member, members, team_of
-from clt.sim.trajectory import Path, State, at
 from clt.streams import (
     WORLD,
     Attachment,
@@ -27,33 +25,11 @@ from clt.streams import (
     Recording,
     Stamps,
     Team,
+    no_frames,
     no_ranges,
 )
 
-EPOCH = 1_735_689_600_000_000_000
-"""Start of every simulated log: 2025-01-01T00:00:00Z."""
 MOST_MESSAGES = 50_000_000
-
-
-@dataclass(frozen=True)
-class Scene:
-    """What one simulation works on."""
-
-    scenario: Scenario
-    """With the errors that sensors and network really have."""
-    members: Sequence[Member]
-    paths: Mapping[str, Path]
-    team: Team
-    """As the log declares it."""
-    pairs: Sequence[Pair]
-
-    def state(self, member: Member, stamps: Stamps) -> State:
-        """Where a robot truly is at stamps (ns since the start)."""
-        if not member.robot.static:
-            return at(self.paths[member.robot.name], stamps / SECOND)
-        zero = np.zeros(len(stamps))
-        x, y = member.position
-        return State(zero + x, zero + y, zero, zero, zero, zero)
 
 
 def simulate(scenario: Scenario) -> Recording:
@@ -85,12 +61,16 @@ def _without_errors(scenario: Scenario) -> Scenario:
         }
     )
     robots = tuple(robot.model_copy(update={"noise": Noise()}) for robot in scenario.robots)
+    radio = scenario.radio
+    if radio is not None:
+        radio = radio.model_copy(update={"sigma": 0.0, "antenna_delay": 0.0, "loss": 0.0})
     return scenario.model_copy(
         update={
             "sensors": sensors,
             "robots": robots,
             "outliers": Outliers(),
             "network": Network(),
+            "radio": radio,
         }
     )
 
@@ -103,10 +83,18 @@ def _recording(declared: Scenario, actual: Scenario) -> Recording:
     crew = members(actual)
     scene = Scene(actual, crew, paths(actual, crew), team, chosen)
     document = effective_toml(declared).encode()
+    radio = actual.radio
+    carried = radio is not None and radio.odometry == "packets"
+    odometry = {
+        m.robot.name: _odometry(scene.with_perfect_network() if carried else scene, m)
+        for m in crew
+        if not m.robot.static
+    }
     return Recording(
         team=team,
-        odometry={m.robot.name: _odometry(scene, m) for m in crew if not m.robot.static},
-        ranges=_ranges(scene),
+        odometry={} if carried else odometry,
+        ranges=_ranges(scene) if radio is None else no_ranges(),
+        frames=no_frames() if radio is None else packets(scene, radio, odometry if carried else {}),
         truth={m.robot.name: _truth(scene, m) for m in crew},
         attachments=(Attachment("scenario.toml", "application/toml", document),),
     )
@@ -116,7 +104,11 @@ def _check_size(scenario: Scenario, team: Team, pair_count: int) -> None:
     """Refuse what no memory would hold."""
     sensors = scenario.sensors
     rate = len(team.moving) * sensors.odometry.rate
-    rate += len(team.robots) * sensors.truth.rate + pair_count * sensors.range.rate
+    rate += len(team.robots) * sensors.truth.rate
+    if scenario.radio is None:
+        rate += pair_count * sensors.range.rate
+    else:
+        rate += len(team.robots) * scenario.radio.rate
     count = int(rate * scenario.duration)
     if count > MOST_MESSAGES:
         raise UsageError(
@@ -125,19 +117,14 @@ def _check_size(scenario: Scenario, team: Team, pair_count: int) -> None:
         )
 
 
-def _key(member: Member) -> tuple[int, int]:
-    """The part of a random stream's key that stands for a robot."""
-    return int(member.robot.static), member.order
-
-
 def _odometry(scene: Scene, member: Member) -> Odometry:
     """The stream of one moving robot."""
-    scenario, key = scene.scenario, _key(member)
+    scenario, key = scene.scenario, robot_key(member)
     sensor = scenario.sensors.odometry
     stamps = sampling(sensor.rate, scenario.duration)
     draw = stream(scenario.seed, Purpose.ODOMETRY, *key)
     v, omega = odometry(sensor, member.robot, scene.paths[member.robot.name], stamps, draw)
-    log_time, arrived = _transport(scenario, stamps, (int(Purpose.ODOMETRY), *key))
+    log_time, arrived = transport(scenario, stamps, (int(Purpose.ODOMETRY), *key))
     told = scene.team.robots[scene.team.index(member.robot.name)]
     n = int(np.count_nonzero(arrived))
     return Odometry(
@@ -154,7 +141,7 @@ def _truth(scene: Scene, member: Member) -> Poses:
     """The reference trajectory of one robot; it takes no network to reach the recorder."""
     sensor = scene.scenario.sensors.truth
     stamps = np.concatenate([[0], sampling(sensor.rate, scene.scenario.duration)])
-    draw = stream(scene.scenario.seed, Purpose.TRUTH, *_key(member))
+    draw = stream(scene.scenario.seed, Purpose.TRUTH, *robot_key(member))
     x, y, heading = reference(sensor, scene.state(member, stamps), draw)
     return Poses(WORLD, EPOCH + stamps, EPOCH + stamps, x, y, heading)
 
@@ -172,8 +159,8 @@ def _ranges(scene: Scene) -> Ranges:
     for column, (a, b) in enumerate(scene.pairs):
         true = distance(spots[a], spots[b])
         value[:, column], heard = _measured(scene, (a, b), true, stamps)
-        log_time[:, column], through = _transport(
-            scene.scenario, stamps, (int(Purpose.RANGE), *_pair_key(scene, (a, b)))
+        log_time[:, column], through = transport(
+            scene.scenario, stamps, (int(Purpose.RANGE), *pair_key(scene, (a, b)))
         )
         arrived[:, column] = heard & through
     source, target = np.array(scene.pairs, np.int64).T
@@ -196,17 +183,12 @@ def _measured(
     scene: Scene, pair: Pair, true: Floats, stamps: Stamps
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """One pair's ranges (m) and which of them were in reach."""
-    scenario, key = scene.scenario, _pair_key(scene, pair)
+    scenario, key = scene.scenario, pair_key(scene, pair)
     sensor = scenario.sensors.range
     noise = stream(scenario.seed, Purpose.RANGE, *key).standard_normal(len(true))
     late = excess(scenario.outliers, stamps, stream(scenario.seed, Purpose.OUTLIER, *key))
     reach = np.inf if sensor.max_range is None else sensor.max_range
     return np.round(true + sensor.bias + late + sensor.sigma * noise, DECIMALS), true <= reach
-
-
-def _pair_key(scene: Scene, pair: Pair) -> tuple[int, ...]:
-    """The part of a random stream's key that stands for a pair."""
-    return (*_key(scene.members[pair[0]]), *_key(scene.members[pair[1]]))
 
 
 def _sequence(source: NDArray[np.int64], rounds: int) -> NDArray[np.int64]:
@@ -215,18 +197,3 @@ def _sequence(source: NDArray[np.int64], rounds: int) -> NDArray[np.int64]:
     per_round = np.array([np.count_nonzero(source == a) for a in source])
     count = np.arange(rounds, dtype=np.int64)[:, None] * per_round.astype(np.int64) + place
     return np.asarray(count.ravel(), np.int64)
-
-
-def _transport(
-    scenario: Scenario, stamps: Stamps, key: tuple[int, ...]
-) -> tuple[Stamps, NDArray[np.bool_]]:
-    """When each message reaches the recorder (ns) and which ones do, shape (n,)."""
-    network, n = scenario.network, len(stamps)
-    log_time, arrived = EPOCH + stamps, np.ones(n, np.bool_)
-    if network.delay_mean > 0.0 or network.delay_sd > 0.0:
-        late = stream(scenario.seed, Purpose.DELAY, *key).standard_normal(n)
-        delay = np.maximum(network.delay_mean + network.delay_sd * late, 0.0)
-        log_time += np.rint(delay * SECOND).astype(np.int64)
-    if network.loss > 0.0:
-        arrived = stream(scenario.seed, Purpose.LOSS, *key).random(n) >= network.loss
-    return log_time, arrived

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import count
+from math import nan
 
 from clt.sim.scenario import Scenario
 from clt.sim.settings import Area, Point, RobotTable
@@ -38,8 +39,9 @@ def members(scenario: Scenario) -> list[Member]:
 
 
 def team_of(scenario: Scenario, team: list[Member]) -> Team:
-    """What the log tells about the team."""
-    return Team(tuple(member.robot for member in team), scenario.sensors.range.sigma)
+    """What the log tells about the team; ranges out of raw packets tell their own noise."""
+    sigma = scenario.sensors.range.sigma if scenario.radio is None else nan
+    return Team(tuple(member.robot for member in team), sigma)
 
 
 def _tables(scenario: Scenario) -> list[RobotTable]:

@@ -33,6 +33,7 @@ teams = st.builds(
         robots, max_size=5, unique_by=(lambda robot: robot.name, lambda robot: robot.id)
     ).map(tuple),
     range_sigma=sigma,
+    range_correlation=st.floats(0.0, 1e6),
 )
 
 

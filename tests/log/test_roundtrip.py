@@ -16,6 +16,7 @@ from clt.log.output import output
 from clt.log.save import save
 from clt.streams import (
     Attachment,
+    Frames,
     Innovations,
     Odometry,
     Poses,
@@ -71,6 +72,15 @@ def recordings(draw):
         stamp, log_time, source, target, *rng.uniform(0.1, 9.0, (2, n)), sigmas(rng, n),
         rng.integers(0, 2**32, n),
     )  # fmt: skip
+    carried = rng.random(n) < 0.7
+    some = (rng.random((n, 3)) < 0.6) & (source[:, None] != np.arange(3))
+    ticks = rng.integers(0, 1 << 40, (n, 3))
+    frames = Frames(
+        stamp, log_time, source, rng.integers(0, 2**32, n), rng.integers(0, 1 << 40, n),
+        np.where(some, ticks, -1), np.where(some, rng.integers(0, 2**32, (n, 3)), -1),
+        np.where(carried, ticks[:, 0], -1),
+        *(np.where(carried, rng.normal(size=n), np.nan) for _ in range(2)),
+    )  # fmt: skip
     residual, sigma, nis = rng.normal(size=n), *rng.uniform(0.1, 1.0, (2, n))
     return Recording(
         TEAM,
@@ -81,6 +91,7 @@ def recordings(draw):
         {name: poses(rng, n, frame, covariance=True) for name in moving},
         Innovations(stamp, source, target, residual, sigma, nis, rng.random(n) < 0.5),
         attachments=(Attachment("scenario.toml", "application/toml", rng.bytes(n)),),
+        frames=frames,
     )
 
 

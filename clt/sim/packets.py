@@ -1,0 +1,151 @@
+"""The packets of a scenario's UWB network, as the log holds them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clt.sim.clock import Clock, oscillate, wrapped
+from clt.sim.radio import Departures, arrivals, depart, schedule, since_own_packet
+from clt.sim.ranging import antenna, distance, excess
+from clt.sim.rng import Purpose, stream
+from clt.sim.scene import EPOCH, Scene, pair_key, robot_key, transport
+from clt.sim.settings import Radio
+from clt.streams import Floats, Frames, Indices, Odometry, Stamps
+from clt.ticks import HZ, SPEED
+
+SECOND = 1_000_000_000
+
+
+def packets(scene: Scene, radio: Radio, odometry: Mapping[str, Odometry]) -> Frames:
+    """All packets by the time they were sent; `odometry` is what they carry.
+
+    Raises UsageError for a network that cannot be.
+    """
+    scenario = scene.scenario
+    planned = schedule(radio, len(scene.members), scenario.duration)
+    clocks = [
+        oscillate(
+            radio.oscillator,
+            scenario.duration,
+            stream(scenario.seed, Purpose.CLOCK, *robot_key(member)),
+        )
+        for member in scene.members
+    ]
+    sent = depart(clocks, planned)
+    stamps, heard = _heard(scene, radio, clocks, sent)
+    turn = np.arange(planned.shape[1])
+    receive, sequence = since_own_packet(stamps, heard, turn > turn[:, None])
+    return _as_frames(scene, sent, (receive, sequence), _carried(scene, clocks, sent, odometry))
+
+
+def _heard(
+    scene: Scene, radio: Radio, clocks: list[Clock], sent: list[Departures]
+) -> tuple[Indices, NDArray[np.bool_]]:
+    """Receive stamps (ticks, unwrapped) and what was heard, shape (frames, receiver, sender)."""
+    scenario, count, frames = scene.scenario, len(sent), sent[0].base.size
+    stamps = np.zeros((frames, count, count), np.int64)
+    heard = np.zeros(stamps.shape, np.bool_)
+    reach = scenario.sensors.range.max_range
+    delays = [_antenna_delay(scene, radio, index) for index in range(count)]
+    obstacles = _obstacles(scene, sent)
+    for sender in range(count):
+        spots = [
+            antenna(scene.state(member, sent[sender].stamp), member.robot.antenna)
+            for member in scene.members
+        ]
+        for receiver in range(count):
+            if receiver == sender:
+                continue
+            path = distance(spots[sender], spots[receiver])
+            link = pair_key(scene, (sender, receiver))
+            noise = stream(scenario.seed, Purpose.STAMP, *link).standard_normal(frames)
+            late = delays[sender] + delays[receiver] + radio.sigma * noise
+            late += obstacles[min(sender, receiver), max(sender, receiver)] / SPEED
+            stamps[:, receiver, sender] = arrivals(sent[sender], clocks[receiver], path, late)
+            luck = stream(scenario.seed, Purpose.HEARD, *link).random(frames)
+            heard[:, receiver, sender] = luck >= radio.loss
+            if reach is not None:
+                heard[:, receiver, sender] &= path <= reach
+    return stamps, heard
+
+
+def _antenna_delay(scene: Scene, radio: Radio, index: int) -> float:
+    """Of one robot, either way, true minus configured, s."""
+    draw = stream(scene.scenario.seed, Purpose.ANTENNA, *robot_key(scene.members[index]))
+    return float(radio.antenna_delay * draw.standard_normal())
+
+
+def _obstacles(scene: Scene, sent: list[Departures]) -> dict[tuple[int, int], Floats]:
+    """What outliers add to the way between each pair, the same both ways, m, shape (frames,)."""
+    scenario = scene.scenario
+    return {
+        pair: excess(
+            scenario.outliers,
+            sent[pair[0]].stamp,
+            stream(scenario.seed, Purpose.OUTLIER, *pair_key(scene, pair)),
+        )
+        for pair in combinations(range(len(sent)), 2)
+    }
+
+
+def _carried(
+    scene: Scene, clocks: list[Clock], sent: list[Departures], odometry: Mapping[str, Odometry]
+) -> tuple[Indices, Floats, Floats]:
+    """Latest odometry before each packet, shape (frames, robots): stamp in ticks, v, omega."""
+    shape = (sent[0].base.size, len(sent))
+    ticks, v, omega = np.full(shape, -1), np.full(shape, np.nan), np.full(shape, np.nan)
+    for index, member in enumerate(scene.members):
+        stream_ = odometry.get(member.robot.name)
+        if stream_ is None:
+            continue
+        since = stream_.stamp - EPOCH
+        latest = np.searchsorted(since, sent[index].stamp, side="right") - 1
+        some = latest >= 0
+        rows = latest[some]
+        ticks[some, index] = _device_time(clocks[index], since)[rows]
+        v[some, index], omega[some, index] = stream_.v[rows], stream_.omega[rows]
+    return ticks, v, omega
+
+
+def _device_time(clock: Clock, stamps: Stamps) -> Indices:
+    """What a radio's counter shows at true times (ns since the start)."""
+    whole, part = stamps // SECOND, stamps % SECOND
+    base, rest = clock.read(whole * HZ, np.asarray(part * (HZ / SECOND), np.float64))
+    return wrapped(base + np.rint(rest).astype(np.int64))
+
+
+def _as_frames(
+    scene: Scene,
+    sent: list[Departures],
+    told: tuple[Indices, Indices],
+    carried: tuple[Indices, Floats, Floats],
+) -> Frames:
+    """The packets that reached the recorder, robot after robot in every frame."""
+    frames, count = sent[0].base.size, len(sent)
+    stamp = np.stack([one.stamp for one in sent], axis=1)
+    log_time, arrived = np.empty_like(stamp), np.empty(stamp.shape, np.bool_)
+    for index, member in enumerate(scene.members):
+        way = (int(Purpose.HEARD), *robot_key(member))
+        log_time[:, index], arrived[:, index] = transport(scene.scenario, stamp[:, index], way)
+    keep = arrived.ravel()
+    transmit = wrapped(np.stack([one.reading for one in sent], axis=1))
+    source = np.broadcast_to(np.arange(count), stamp.shape)
+    number = np.broadcast_to(np.arange(frames)[:, None], stamp.shape)
+    receive, sequence = (column.reshape(-1, count)[keep] for column in told)
+    ticks, v, omega = carried
+    return Frames(
+        EPOCH + stamp.ravel()[keep],
+        log_time.ravel()[keep],
+        source.ravel()[keep],
+        number.ravel()[keep],
+        transmit.ravel()[keep],
+        receive,
+        sequence,
+        ticks.ravel()[keep],
+        v.ravel()[keep],
+        omega.ravel()[keep],
+    )
