@@ -1,0 +1,88 @@
+"""Mean distances of pairs that stand still."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from clt.filters.inputs import (
+    DEFAULT_SIGMA_RANGE,
+    LEAST_SIGMA_RANGE,
+    correlated_variance,
+    first_known,
+)
+from clt.filters.settings import Noise
+from clt.streams import Floats, Indices, Recording
+
+CLIP = 3.5
+"""A range further than this many standard deviations from its pair's middle is an outlier."""
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """One mean distance per pair, shape (m,): m."""
+
+    a: Indices
+    b: Indices
+    distance: Floats
+    sigma: Floats
+    """Standard deviation of the mean; ranges whose errors are correlated count for fewer."""
+
+
+def range_sigma(recording: Recording, noise: Noise) -> Floats:
+    """Standard deviation of every range of a recording, m."""
+    ranges = recording.ranges
+    sigma = first_known(
+        noise.sigma_range,
+        ranges.sigma,
+        recording.team.range_sigma,
+        DEFAULT_SIGMA_RANGE,
+        size=ranges.stamp.size,
+    )
+    return np.maximum(sigma, LEAST_SIGMA_RANGE)
+
+
+def mean_distances(
+    recording: Recording, nodes: Collection[int], begin: int, end: int, noise: Noise
+) -> Pairs:
+    """Mean distance of every measured pair of `nodes` (team indices) in begin < stamp <= end.
+
+    Single outliers are left out. Columns `a` and `b` hold team indices, a < b.
+    """
+    ranges, size = recording.ranges, len(recording.team.robots)
+    chosen = np.zeros(size, np.bool_)
+    chosen[list(nodes)] = True
+    rows = np.flatnonzero(
+        (ranges.stamp > begin)
+        & (ranges.stamp <= end)
+        & chosen[ranges.source]
+        & chosen[ranges.target]
+    )
+    variance = range_sigma(recording, noise)[rows] ** 2
+    low = np.minimum(ranges.source[rows], ranges.target[rows])
+    high = np.maximum(ranges.source[rows], ranges.target[rows])
+    key = low * size + high
+    weight = 1.0 / correlated_variance(variance, ranges.stamp[rows], key, noise.correlation_time)
+    keys = np.unique(key)
+    means = np.array(
+        [
+            _mean(ranges.range[rows[key == k]], variance[key == k], weight[key == k])
+            for k in keys.tolist()
+        ]
+    ).reshape(-1, 2)
+    return Pairs(keys // size, keys % size, means[:, 0], means[:, 1])
+
+
+def _mean(value: Floats, variance: Floats, weight: Floats) -> tuple[float, float]:
+    """Weighted mean of one pair's ranges without outliers, and its standard deviation.
+
+    However short the time, correlated errors are worth at least one range.
+    """
+    middle = float(np.median(value))
+    spread = 1.4826 * float(np.median(np.abs(value - middle)))
+    inside = np.abs(value - middle) <= CLIP * np.maximum(np.sqrt(variance), spread)
+    value, variance, weight = value[inside], variance[inside], weight[inside]
+    mean = float(np.sum(weight * value) / np.sum(weight))
+    return mean, float(np.sqrt(min(1.0 / np.sum(weight), float(np.min(variance)))))

@@ -1,0 +1,105 @@
+"""All robots together: ranges between those that move tell more than each by itself can.
+
+Every combination of the robots' possible poses is a filter over one window; a robot's probability
+is the sum over the combinations that hold its pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice, product
+
+import numpy as np
+
+from clt.filters.settings import FilterSettings
+from clt.init.bank import WIDE, Refined, probabilities, refine
+from clt.init.frame import Frame
+from clt.init.search import Candidate, Search
+from clt.init.window import Window, cut, log_likelihood, run
+from clt.streams import Floats, Recording
+
+MOST = 64
+"""Combinations that are tried, the most probable ones."""
+LONGEST = 60_000_000_000
+"""Of the common window after the first robot moves, ns, unless a robot needed longer."""
+
+Combination = dict[str, Candidate]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What all ranges together say."""
+
+    best: Combination
+    """The most probable combination."""
+    shares: Mapping[str, tuple[tuple[Candidate, float], ...]]
+    """Each robot's possible poses with their probability, the best first."""
+
+
+def combinations(searches: Mapping[str, Search], frames: int) -> list[Combination]:
+    """The MOST most probable combinations whose poses are of one frame each."""
+    found: list[tuple[float, Combination]] = []
+    for frame in range(frames):
+        choices = [
+            [c for c in search.candidates if c.frame == frame] for search in searches.values()
+        ]
+        for picked in islice(product(*choices), 4 * MOST * MOST):
+            weight = float(np.sum(np.log([c.probability for c in picked])))
+            found.append((weight, dict(zip(searches, picked, strict=True))))
+    found.sort(key=lambda item: -item[0])
+    return [combination for _, combination in found[:MOST]]
+
+
+def judge_team(
+    recording: Recording,
+    searches: Mapping[str, Search],
+    frames: tuple[Frame, ...],
+    span: tuple[int, int],
+    still: Mapping[str, int],
+    settings: FilterSettings,
+) -> Verdict:
+    """Weigh the combinations of all robots' possible poses by all ranges in `span` (ns)."""
+    tried = combinations(searches, len(frames))
+    scores = [0.0]
+    if len(tried) > 1:
+        scores = [
+            _score(
+                cut(recording, list(searches), [], frame.anchors, still, span, settings),
+                np.concatenate([c.pose.mean for c in combination.values()]),
+            )
+            for combination, frame in ((c, frames[next(iter(c.values())).frame]) for c in tried)
+        ]
+    probability = probabilities(scores)
+    order = np.argsort(-probability)
+    shares: dict[str, tuple[tuple[Candidate, float], ...]] = {}
+    for name, search in searches.items():
+        own = [
+            (c, float(sum(p for p, t in zip(probability, tried, strict=True) if t[name] is c)))
+            for c in search.candidates
+        ]
+        shares[name] = tuple(sorted(own, key=lambda item: -item[1]))
+    return Verdict(tried[int(order[0])], shares)
+
+
+def _score(window: Window, mean: Floats) -> float:
+    P = np.diag(np.tile(np.square(WIDE), len(window.moving)))
+    return log_likelihood(window, run(window, mean, P))
+
+
+def settle(
+    recording: Recording,
+    chosen: Combination,
+    frame: Frame,
+    span: tuple[int, int],
+    still: Mapping[str, int],
+    settings: FilterSettings,
+) -> tuple[tuple[str, ...], Refined]:
+    """Poses of the chosen robots and of uncertain static ones at the start of `span`, jointly."""
+    floating = list(frame.loose)
+    anchors = {name: p for name, p in frame.anchors.items() if name not in frame.loose}
+    window = cut(recording, list(chosen), floating, anchors, still, span, settings)
+    mean = [candidate.pose.mean for candidate in chosen.values()]
+    mean += [np.append(frame.anchors[name], 0.0) for name in floating]
+    loose: Sequence[Floats] = list(frame.loose.values())
+    return (*chosen, *floating), refine(window, np.concatenate(mean), loose)
