@@ -45,7 +45,8 @@ def decode(messages: Messages, struct: Struct, text: str, paths: Sequence[str]) 
             if read is None:
                 read = DecoderFactory().decoder_for("cdr", schema)
             payload = messages.data[offset : offset + length].tobytes()
-            found = {path: _follow(read(payload), steps[path]) for path in paths}
+            message = read(payload)
+            found = {path: _follow(message, steps[path]) for path in paths}
         except FAILURES:
             good[row] = False
             found = {path: _nothing(leaf) for path, leaf in leaves.items()}

@@ -193,7 +193,10 @@ def _measured(
 
 def _sequence(source: NDArray[np.int64], rounds: int) -> NDArray[np.int64]:
     """Each measuring robot counts its ranges, lost ones too; shape (rounds * pairs,)."""
-    place = np.array([np.count_nonzero(source[:k] == a) for k, a in enumerate(source)])
-    per_round = np.array([np.count_nonzero(source == a) for a in source])
-    count = np.arange(rounds, dtype=np.int64)[:, None] * per_round.astype(np.int64) + place
+    order = np.argsort(source, kind="stable")
+    _, first, many = np.unique(source[order], return_index=True, return_counts=True)
+    place, per_round = np.empty_like(source), np.empty_like(source)
+    place[order] = np.arange(len(source)) - np.repeat(first, many)
+    per_round[order] = np.repeat(many, many)
+    count = np.arange(rounds, dtype=np.int64)[:, None] * per_round + place
     return np.asarray(count.ravel(), np.int64)

@@ -239,6 +239,22 @@ def test_very_long_messages_go_to_the_ordinary_decoder():
     assert fast.columns["last"].tolist() == [7]
 
 
+def test_the_ordinary_decoder_decodes_each_message_once(monkeypatch):
+    official, reads = ordinary.DecoderFactory.decoder_for, []
+
+    def counting(factory, encoding, schema):
+        read = official(factory, encoding, schema)
+        return lambda data: reads.append(data) or read(data)
+
+    monkeypatch.setattr(ordinary.DecoderFactory, "decoder_for", counting)
+    kind, (_, paths) = "nav_msgs/msg/Odometry", KINDS["nav_msgs/msg/Odometry"]
+    payloads = [odometry("<", (k, 0), "odom", "base", [1.0]) for k in range(5)]
+    text = ros2msg(kind)
+    ordinary.decode(messages(payloads), parse(kind, text), text, paths)
+    assert len(paths) > 1
+    assert reads == payloads
+
+
 def test_a_wide_string_behind_the_wanted_fields_does_no_harm():
     text = "int32 first\nwstring wide\nint32 last"
     payload = Cdr().put("i", 5).put("I", 1, 65).put("i", 6).done()

@@ -161,6 +161,17 @@ def test_the_attached_scenario_repeats_the_recording(name, tmp_path):
     assert_same(first.ranges, second.ranges)
 
 
+def test_each_robot_counts_its_own_ranges():
+    """Also where the pairs of several measuring robots alternate."""
+    listed = [["R2", "R3"], ["R1", "R2"], ["R2", "R1"], ["R1", "R3"], ["R3", "R1"], ["R2", "R4"]]
+    recording = simulate(scenario(sensors__range__pairs=listed, duration=2.0))
+    table = recording.ranges
+    assert len(np.unique(table.source)) == 3
+    for source in np.unique(table.source):
+        own = table.sequence[table.source == source]
+        assert own.tolist() == list(range(len(own)))
+
+
 def test_a_log_beyond_all_memory_is_refused():
     with pytest.raises(UsageError, match="messages are more than"):
         simulate(scenario(duration=86400.0, sensors__range__rate=1000.0))
