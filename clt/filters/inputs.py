@@ -11,12 +11,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clt.filters.settings import Noise
 from clt.streams import Floats, Indices, Odometry, Ranges, Robot, Stamps, Team
 
-GAP = 1.5
-"""A step longer than this many median periods is a gap in the odometry."""
+LEAST_GAP, MOST_GAP = 1.5, 3.0
+"""A step of more median periods than this is a gap in odometry of even, of very uneven steps."""
 GAP_CORRELATION = 1.0
 """Seconds over which an unseen twist keeps its value."""
 DEFAULT_SIGMA_V, DEFAULT_SIGMA_OMEGA, DEFAULT_SIGMA_RANGE = 0.1, 0.1, 0.1
@@ -68,13 +69,69 @@ def first_known(*choices: Floats | float | None, size: int) -> Floats:
 def interval_twist(odometry: Odometry, robot: Robot) -> tuple[Floats, Floats]:
     """Twist (v, omega) as means over the interval that ends at each stamp.
 
-    Instants are averaged with the one before (midpoint rule of Shi, section "ESKF propagation").
+    Instants are averaged with the one before (midpoint rule of Shi, section "ESKF propagation"),
+    but not across a gap.
     """
     v, omega = odometry.v, odometry.omega
     if robot.twist == "instant":
-        v = np.append(v[:1], 0.5 * (v[1:] + v[:-1]))
-        omega = np.append(omega[:1], 0.5 * (omega[1:] + omega[:-1]))
+        near = ~odometry_gaps(odometry.stamp)[1:]
+        v = np.append(v[:1], np.where(near, 0.5 * (v[1:] + v[:-1]), v[1:]))
+        omega = np.append(omega[:1], np.where(near, 0.5 * (omega[1:] + omega[:-1]), omega[1:]))
     return v, omega
+
+
+def odometry_gaps(stamp: Stamps) -> NDArray[np.bool_]:
+    """Whether a gap lies before each sample, shape (n,).
+
+    A step beyond the median by five standard deviations of the steps (from their median
+    deviation), within LEAST_GAP to MOST_GAP periods: uneven steps are not gaps.
+    """
+    step = np.diff(stamp)
+    if step.size == 0:
+        return np.zeros(stamp.size, np.bool_)
+    period = float(np.median(step))
+    spread = 1.4826 * float(np.median(np.abs(step - period)))
+    limit = np.clip(period + 5.0 * spread, LEAST_GAP * period, MOST_GAP * period)
+    return np.append(False, step > limit)
+
+
+def sample_noise(
+    odometry: Odometry, robot: Robot, noise: Noise
+) -> tuple[Floats, Floats, tuple[str, ...]]:
+    """Variances of v and of omega of each sample (n,), and what had to be assumed."""
+    size = odometry.stamp.size
+    sigma_v = first_known(noise.sigma_v, odometry.sigma_v, robot.sigma_v, size=size)
+    sigma_w = first_known(noise.sigma_omega, odometry.sigma_omega, robot.sigma_omega, size=size)
+    notes: tuple[str, ...] = ()
+    if np.isnan(sigma_v).any() or np.isnan(sigma_w).any():
+        assumed = (
+            f"the log does not tell the odometry noise of {robot.name}: assumed "
+            f"{DEFAULT_SIGMA_V} m/s and {DEFAULT_SIGMA_OMEGA} rad/s; set noise.sigma_v and "
+            "noise.sigma_omega"
+        )
+        notes = (assumed,)
+        sigma_v = np.where(np.isnan(sigma_v), DEFAULT_SIGMA_V, sigma_v)
+        sigma_w = np.where(np.isnan(sigma_w), DEFAULT_SIGMA_OMEGA, sigma_w)
+    sigma_v, sigma_w = np.maximum(sigma_v, LEAST_SIGMA_V), np.maximum(sigma_w, LEAST_SIGMA_OMEGA)
+    v, omega = interval_twist(odometry, robot)
+    var_v = sigma_v**2 + (noise.v_per_v * v) ** 2 + (noise.v_per_omega * omega) ** 2
+    var_w = sigma_w**2 + (noise.omega_per_v * v) ** 2 + (noise.omega_per_omega * omega) ** 2
+    return var_v, var_w, notes
+
+
+def unseen_variance(values: Floats, variance: Floats, lags: Indices) -> Floats:
+    """Variance of a twist that was not measured for `lags` periods, one per gap.
+
+    Half of how much the measured values change over so long (their structure function), less the
+    noise in it; beyond the log's length, how much they vary at all. To this comes the noise of
+    the two neighbours' mean, which adds to the neighbours' own: of m periods (1 + m / 2)^2 each.
+    """
+    noise = float(np.mean(variance))
+    result = np.full(lags.size, float(np.var(values)))
+    for lag in np.unique(lags[lags < values.size]):
+        change = float(np.mean((values[lag:] - values[:-lag]) ** 2))
+        result[lags == lag] = 0.5 * max(change - 2.0 * noise, 0.0)
+    return result + noise * (0.5 + 2.0 / lags)
 
 
 def robot_segments(
@@ -83,40 +140,23 @@ def robot_segments(
     """Segments of one robot from `start` to `end` (ns), and what had to be assumed.
 
     A gap is bridged with the mean of the samples around it and an error as large as the twist
-    varies over the log; so is the time after the last sample.
+    changes over so long; so is the time after the last sample, with the last twist.
     """
-    notes: list[str] = []
-    size = odometry.stamp.size
-    sigma_v = first_known(noise.sigma_v, odometry.sigma_v, robot.sigma_v, size=size)
-    sigma_w = first_known(noise.sigma_omega, odometry.sigma_omega, robot.sigma_omega, size=size)
-    if np.isnan(sigma_v).any() or np.isnan(sigma_w).any():
-        notes.append(
-            f"the log does not tell the odometry noise of {robot.name}: assumed "
-            f"{DEFAULT_SIGMA_V} m/s and {DEFAULT_SIGMA_OMEGA} rad/s; set noise.sigma_v and "
-            "noise.sigma_omega"
-        )
-        sigma_v = np.where(np.isnan(sigma_v), DEFAULT_SIGMA_V, sigma_v)
-        sigma_w = np.where(np.isnan(sigma_w), DEFAULT_SIGMA_OMEGA, sigma_w)
-    sigma_v, sigma_w = np.maximum(sigma_v, LEAST_SIGMA_V), np.maximum(sigma_w, LEAST_SIGMA_OMEGA)
+    var_v, var_w, said = sample_noise(odometry, robot, noise)
     v, omega = interval_twist(odometry, robot)
-    var_v = sigma_v**2 + (noise.v_per_v * v) ** 2 + (noise.v_per_omega * omega) ** 2
-    var_w = sigma_w**2 + (noise.omega_per_v * v) ** 2 + (noise.omega_per_omega * omega) ** 2
-    stamp = odometry.stamp
-    step = np.diff(stamp)
-    period = int(np.median(step)) if step.size > 0 else 0
-    gap = np.append(False, step > GAP * period)
+    stamp, size = odometry.stamp, odometry.stamp.size
+    period = max(int(np.median(np.diff(stamp))), 1) if size > 1 else 0
+    gap = odometry_gaps(stamp)
     begin = np.append(stamp[0] - period, stamp[:-1])
     begin = np.where(gap, stamp - period, begin)
-    wild_v = float(np.mean(var_v) + np.var(v))
-    wild_w = float(np.mean(var_w) + np.var(omega))
     holes = np.flatnonzero(gap)
     late = end > int(stamp[-1])
     ends = np.concatenate([stamp, begin[holes], np.array([end] * late, np.int64)])
     before = np.concatenate([begin, stamp[holes - 1], stamp[-1:] if late else stamp[:0]])
     seconds = (ends - before) * 1e-9
+    lags = np.maximum(np.rint((ends - before)[size:] / max(period, 1)).astype(np.int64), 1)
     bridge_v = 0.5 * (v[holes - 1] + v[holes])
     bridge_w = 0.5 * (omega[holes - 1] + omega[holes])
-    extra = holes.size + int(late)
     order = np.argsort(ends, kind="stable")
     order = order[ends[order] > start]
     interval = np.append(seconds[:size], np.minimum(seconds[size:], GAP_CORRELATION))
@@ -126,17 +166,18 @@ def robot_segments(
         np.concatenate([v, bridge_v, v[-1:] if late else []])[order],
         np.concatenate([omega, bridge_w, omega[-1:] if late else []])[order],
         interval[order],
-        np.append(var_v, np.full(extra, wild_v))[order],
-        np.append(var_w, np.full(extra, wild_w))[order],
+        np.append(var_v, unseen_variance(v, var_v, lags))[order],
+        np.append(var_w, unseen_variance(omega, var_w, lags))[order],
     )
     inside = holes[stamp[holes] > start]
     if inside.size > 0:
         longest = float(np.max(stamp[inside] - stamp[inside - 1])) * 1e-9
-        notes.append(
+        gaps = (
             f"gaps in the odometry of {robot.name}: {inside.size}, the longest {longest:.2f} s; "
             "bridged with widened noise"
         )
-    return segments, tuple(notes)
+        return segments, (*said, gaps)
+    return segments, said
 
 
 def join_segments(parts: Sequence[Segments]) -> Segments:
@@ -157,22 +198,26 @@ def standing() -> Segments:
     return Segments(np.zeros(2, np.int64), np.empty(0, np.int64), none, none, none, none, none)
 
 
-def correlated_variance(
-    variance: Floats, stamp: Stamps, pair: Indices, correlation_time: float
-) -> Floats:
+def correlation_time(noise: Noise, team: Team) -> float:
+    """Of the range error of one pair, s: as the user says, else as the log tells."""
+    told = noise.correlation_time
+    return team.range_correlation if told is None else told
+
+
+def correlated_variance(variance: Floats, stamp: Stamps, pair: Indices, tau: float) -> Floats:
     """Variance to give each range so that a white-noise filter does not believe a pair too much.
 
-    An AR(1) error with rho = exp(-dt / tau) carries, over many samples, the information of white
-    noise with variance sigma^2 (1 + rho) / (1 - rho).
+    An AR(1) error of correlation time tau (s), rho = exp(-dt / tau), carries, over many samples,
+    the information of white noise with variance sigma^2 (1 + rho) / (1 - rho).
     """
-    if correlation_time <= 0.0 or stamp.size == 0:
+    if tau <= 0.0 or stamp.size == 0:
         return variance
     order = np.lexsort((stamp, pair))
     dt = np.diff(stamp[order]) * 1e-9
     same = np.diff(pair[order]) == 0
     rho = np.zeros(stamp.size)
     # Equal stamps of one pair: as close as a nanosecond, not infinitely correlated.
-    rho[1:] = np.where(same, np.exp(-np.maximum(dt, 1e-9) / correlation_time), 0.0)
+    rho[1:] = np.where(same, np.exp(-np.maximum(dt, 1e-9) / tau), 0.0)
     first = np.append(True, ~same)
     following = np.append(rho[1:], 0.0)
     rho = np.where(first, following, rho)
@@ -227,6 +272,8 @@ def range_table(
         np.ascontiguousarray(place[fixed]),
         ranges.range[row],
         variance,
-        correlated_variance(variance, ranges.stamp[row], low * size + high, noise.correlation_time),
+        correlated_variance(
+            variance, ranges.stamp[row], low * size + high, correlation_time(noise, team)
+        ),
     )
     return table, tuple(notes)

@@ -23,11 +23,18 @@ from clt.filters.inputs import (
 )
 from clt.filters.posterior import Posterior
 from clt.filters.settings import FilterSettings
-from clt.init.start import Start
-from clt.streams import WORLD, Floats, Innovations, Poses, Recording, Stamps, no_ranges
+from clt.geometry import rotation
+from clt.init.start import InitialPose, Start
+from clt.streams import WORLD, Floats, Innovations, Poses, Recording, Robot, Stamps, no_ranges
 
 LOST_SHARE = 0.5
 """A robot with more than this share of its ranges rejected is called diverged."""
+EARLY_END = 1_000_000_000
+"""Odometry that ends more than this before the log's is worth a word, ns."""
+OUTPUT_STEP = 100_000_000
+"""Longest time between two outputs, ns ..."""
+MOST_PARTS = 100
+"""... but no more outputs than this between two odometry samples, however long a gap is."""
 FORMS = {"exact": unicycle.EXACT, "shi": unicycle.SHI}
 
 
@@ -86,18 +93,23 @@ def pose_problem(recording: Recording, start: Start, settings: FilterSettings) -
             parts.append(standing())
     state = {team.index(name): i for i, name in enumerate(names)}
     anchors = {
-        team.index(name): pose.mean[:2]
+        team.index(name): antenna_position(team.robots[team.index(name)], pose)
         for name, pose in start.poses.items()
         if team.robots[team.index(name)].static and name not in names
     }
     table, said = range_table(
         recording.ranges, team, state, anchors, settings.noise, start.stamp, end
     )
+    left_out += unused_ranges(recording, {*state, *anchors}, end)
     if table.row.size == 0:
         left_out.append("no range ties the team together: the estimate is dead reckoning")
     covariance = np.zeros((3 * len(names), 3 * len(names)))
     for i, name in enumerate(names):
         covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = start.poses[name].covariance
+    for name, stream in odometry.items():
+        if end - int(stream.stamp[-1]) > EARLY_END:
+            seconds = (end - int(stream.stamp[-1])) * 1e-9
+            left_out.append(f"the odometry of {name} ends {seconds:.1f} s before that of others")
     return Problem(
         tuple(names),
         np.concatenate([start.poses[name].mean for name in names]),
@@ -112,13 +124,47 @@ def pose_problem(recording: Recording, start: Start, settings: FilterSettings) -
     )
 
 
+def antenna_position(robot: Robot, pose: InitialPose) -> Floats:
+    """Where the antenna of a fixed robot is, shape (2,), m."""
+    arm: Floats = rotation(float(pose.mean[2])) @ np.asarray(robot.antenna)
+    return pose.mean[:2] + arm
+
+
+def unused_ranges(recording: Recording, placed: set[int], end: int) -> list[str]:
+    """One line for each static robot without a position, and for ranges after all odometry.
+
+    `placed` are the team indices in the state or fixed; `end` is the last odometry stamp, ns.
+    """
+    ranges, lines = recording.ranges, []
+    for index, robot in enumerate(recording.team.robots):
+        count = int(np.sum((ranges.source == index) | (ranges.target == index)))
+        if robot.static and index not in placed and count > 0:
+            lines.append(
+                f"{robot.name} stands at an unknown position: its {count} ranges are not used; "
+                "give it a pose with --init FILE"
+            )
+    late = int(np.sum(ranges.stamp > end + EARLY_END))
+    if late > 0:
+        lines.append(f"{late} ranges come after the end of all odometry: not used")
+    return lines
+
+
 def output_times(names: list[str], stamps: dict[str, Stamps], start: int) -> eskf.Outputs:
-    """Each robot at the start and at its own odometry stamps; standing ones with the first's."""
+    """Each robot at the start and at its own odometry stamps; standing ones with the first's.
+
+    Steps longer than OUTPUT_STEP are divided, so that slow odometry does not hide what the
+    ranges in between tell.
+    """
     default = next(iter(stamps.values()))
     wanted = []
     for name in names:
         own = stamps.get(name, default)
-        wanted.append(np.append(start, np.unique(own[own > start])))
+        own = np.append(start, np.unique(own[own > start]))
+        parts = np.clip(-(-np.diff(own) // OUTPUT_STEP), 1, MOST_PARTS)
+        step = np.repeat(np.arange(parts.size), parts)
+        part = np.arange(step.size) - np.repeat(np.cumsum(parts) - parts, parts) + 1
+        between = own[step] + (own[step + 1] - own[step]) * part // parts[step]
+        wanted.append(np.append(start, between))
     stamp = np.concatenate(wanted).astype(np.int64)
     robot = np.repeat(np.arange(len(names)), [part.size for part in wanted])
     order = np.argsort(stamp, kind="stable")

@@ -147,7 +147,7 @@ def test_a_gap_is_bridged_by_the_mean_with_a_wide_error():
     assert bridge.tolist() == [10]
     assert segments.end[10] == sampled.stamp[10] - 50 * MS
     assert segments.v[10] == pytest.approx(0.6)
-    assert segments.var_v[10] == pytest.approx(0.04 + 0.2**2)
+    assert segments.var_v[10] == pytest.approx(0.2**2 + 0.04 * (0.5 + 2.0 / 40))
     assert segments.interval[10] == inputs.GAP_CORRELATION
     np.testing.assert_allclose(np.delete(segments.interval, 10), 0.05)
     assert np.sum(segments.v * durations(segments, 0)) == pytest.approx(0.2 + 1.2 + 0.4)
@@ -165,7 +165,7 @@ def test_after_its_last_sample_a_robot_goes_on_with_a_wide_error():
     segments, _ = robot_segments(sampled, ROBOT, QUIET, 0, 450 * MS)
     assert segments.end[-1] == 450 * MS
     assert segments.v[-1] == 1.0
-    assert segments.var_v[-1] == pytest.approx(0.04 + 0.25)
+    assert segments.var_v[-1] == pytest.approx(0.25 + 0.04 * (0.5 + 2.0 / 5))
     assert segments.interval[-1] == pytest.approx(0.25)
 
 
@@ -345,3 +345,32 @@ def test_no_ranges_make_an_empty_table():
     table, notes = table_of(ranges([]), Noise(correlation_time=1.0))
     assert notes == ()
     assert all(column.shape[0] == 0 for column in table)
+
+
+def test_uneven_steps_are_not_gaps_but_lost_samples_are():
+    rng = np.random.default_rng(0)
+    even = np.arange(400) * 50_000_000
+    uneven = even + rng.normal(0.0, 15e6, 400).astype(np.int64)
+    assert not inputs.odometry_gaps(np.sort(uneven)).any()
+    lost = np.delete(even, [50, 200, 201])
+    np.testing.assert_array_equal(np.flatnonzero(inputs.odometry_gaps(lost)), [50, 199])
+    assert inputs.odometry_gaps(even[:1]).tolist() == [False]
+
+
+def test_instants_are_not_averaged_across_a_gap():
+    stamp = np.array([0, 50, 100, 1000, 1050]) * 1_000_000
+    nan = np.full(5, np.nan)
+    v = np.array([0.0, 1.0, 2.0, 8.0, 9.0])
+    mean, _ = inputs.interval_twist(
+        Odometry(stamp, stamp, v, v, nan, nan), Robot("R1", 1, twist="instant")
+    )
+    assert mean.tolist() == [0.0, 0.5, 1.5, 8.0, 8.5]
+
+
+def test_what_was_not_seen_is_as_uncertain_as_the_twist_changes_over_so_long():
+    t = np.arange(2000) * 0.05
+    v, noise = np.sin(t), np.full(2000, 1e-12)
+    short, long, beyond = inputs.unseen_variance(v, noise, np.array([1, 40, 5000]))
+    assert short == pytest.approx(0.5 * 2 * (1 - np.cos(0.05)) * 0.5, rel=0.05)
+    assert long == pytest.approx(0.5 * (1 - np.cos(2.0)), rel=0.05)
+    assert beyond == pytest.approx(0.5, rel=0.05)
