@@ -40,8 +40,3 @@ def relative_pose(a: Floats, b: Floats) -> Floats:
         ],
         axis=-1,
     )
-
-
-def interpolate_heading(at: Floats, stamp: Floats, heading: Floats) -> Floats:
-    """Headings (rad) at the times `at`, along the shorter arc between samples."""
-    return wrap(np.interp(at, stamp, np.unwrap(heading)))

@@ -11,6 +11,7 @@ from clt.filters import world
 from clt.filters.settings import FilterSettings
 from clt.init.start import InitialPose
 from clt.init.truth import from_truth
+from clt.metrics.evaluate import evaluate
 from clt.pipeline import certain, estimate, finite, placed
 from clt.streams import Attachment
 from tests.filters.teams import team_recording
@@ -75,3 +76,21 @@ def test_a_trajectory_that_is_not_finite_never_reaches_a_log(recording, start, c
     poses = {**posterior.poses, "R2": replace(posterior.poses["R2"], **{column: broken})}
     assert set(finite(replace(posterior, poses=poses))) == {"R1", "R3"}
     assert set(finite(posterior)) == {"R1", "R2", "R3"}
+
+
+def test_estimates_stand_in_the_frame_of_the_truth_they_started_from(recording):
+    mapped = {name: replace(poses, frame="map") for name, poses in recording.truth.items()}
+    recording = replace(recording, truth=mapped)
+    made = estimate(recording, from_truth(recording, (0.01, 0.01, 0.01)), DEFAULTS)
+    assert made.posterior.frame == "map"
+    tracks = [*made.recording.estimate.values(), *made.recording.dead_reckoning.values()]
+    assert {poses.frame for poses in tracks} == {"map"}
+    assert evaluate(made.recording).align == "none"
+
+
+def test_a_robot_without_truth_is_left_out_and_named(recording):
+    known = {name: poses for name, poses in recording.truth.items() if name != "R2"}
+    bereft = replace(recording, truth=known)
+    result = estimate(bereft, from_truth(bereft, (0.01, 0.01, 0.01)), DEFAULTS)
+    assert set(result.recording.estimate) == {"R1", "R3"}
+    assert "R2 has no initial pose: not localized" in result.posterior.left_out

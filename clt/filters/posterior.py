@@ -14,7 +14,7 @@ class Posterior:
 
     filter: str
     frame: str
-    """`world`, or `{ego}/base_link` for relative estimates."""
+    """That of the start (`world`), or `{ego}/base_link` for relative estimates."""
     robots: tuple[str, ...]
     """The estimated robots in the order of the joint state, three numbers (x, y, heading) each."""
     poses: Mapping[str, Poses]

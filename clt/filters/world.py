@@ -1,4 +1,4 @@
-"""Absolute poses of the team in `world`: a recording and a start in, a posterior out.
+"""Absolute poses of the team: a recording and a start in, a posterior in the start's frame out.
 
 The state holds three numbers (x, y, theta) for every moving robot that has odometry and a start,
 and for every static robot whose position is uncertain. Static robots of certain position are
@@ -25,7 +25,7 @@ from clt.filters.posterior import Posterior
 from clt.filters.settings import FilterSettings
 from clt.geometry import rotation
 from clt.init.start import InitialPose, Start
-from clt.streams import WORLD, Floats, Innovations, Poses, Recording, Robot, Stamps, no_ranges
+from clt.streams import Floats, Innovations, Poses, Recording, Robot, Stamps, no_ranges
 
 LOST_SHARE = 0.5
 """A robot with more than this share of its ranges rejected is called diverged."""
@@ -50,6 +50,8 @@ class Problem:
     ranges: RangeTable
     outputs: eskf.Outputs
     start: int
+    frame: str
+    """Of the poses."""
     notes: tuple[str, ...]
     left_out: tuple[str, ...]
     """Robots that cannot be estimated, with the reason: one line each."""
@@ -119,6 +121,7 @@ def pose_problem(recording: Recording, start: Start, settings: FilterSettings) -
         table,
         output_times(names, {name: odometry[name].stamp for name in odometry}, start.stamp),
         start.stamp,
+        start.frame,
         (*notes, *said),
         tuple(left_out),
     )
@@ -195,7 +198,7 @@ def trajectories(problem: Problem, run: eskf.Run) -> dict[str, Poses]:
         stamp = problem.outputs.stamp[own]
         mean = run.mean[own]
         poses[name] = Poses(
-            WORLD, stamp, stamp, mean[:, 0], mean[:, 1], mean[:, 2], run.covariance[own]
+            problem.frame, stamp, stamp, mean[:, 0], mean[:, 1], mean[:, 2], run.covariance[own]
         )
     return poses
 
@@ -232,7 +235,7 @@ def localize(recording: Recording, start: Start, settings: FilterSettings) -> Po
     run = solve(problem, settings)
     return Posterior(
         "eskf",
-        WORLD,
+        problem.frame,
         problem.robots,
         trajectories(problem, run),
         innovations(problem, run, recording),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clt.streams import Floats, Recording, Robot, Stamps
+from clt.streams import WORLD, Floats, Recording, Robot, Stamps
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,8 @@ class Start:
     stamp: int
     """ns; every pose holds at this time."""
     poses: Mapping[str, InitialPose]
+    frame: str = WORLD
+    """Id of the frame that the poses stand in; the estimates will, too."""
 
 
 def period(stamp: Stamps) -> int:
@@ -33,9 +35,9 @@ def period(stamp: Stamps) -> int:
 
 
 def odometry_begin(recording: Recording, name: str) -> int:
-    """Beginning of the interval that a robot's first odometry sample covers, ns."""
+    """Beginning of the interval that a robot's first odometry sample covers, ns; none before 0."""
     stamp = recording.odometry[name].stamp
-    return int(stamp[0]) - period(stamp)
+    return max(int(stamp[0]) - period(stamp), 0)
 
 
 def fixed_pose(robot: Robot) -> InitialPose | None:
