@@ -169,13 +169,12 @@ def run_filter(
     recording: Recording, start: Start, settings: FilterSettings, console: Console
 ) -> Result:
     """Filter, and say what went wrong."""
+    from clt.cli.compiling import announced
     from clt.errors import CltError
-    from clt.filters import eskf
     from clt.pipeline import estimate
 
-    if eskf.needs_compiling():
-        console.say("compiling the filter once for this machine (some seconds) ...")
-    result = estimate(recording, start, settings)
+    with announced(console):
+        result = estimate(recording, start, settings)
     for line in result.posterior.warnings:
         console.warn(line)
     for line in result.posterior.left_out:

@@ -10,16 +10,16 @@ from __future__ import annotations
 
 import math
 from contextlib import nullcontext
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from clt.filters import kalman
-from clt.filters.compiled import is_cached, kernel
+from clt.filters.compiled import inlined, lean
 from clt.filters.inputs import RangeTable, Segments
-from clt.filters.ranging import antenna, distance
+from clt.filters.kalman import Work
+from clt.filters.ranging import predict_range
 from clt.filters.reacquisition import fresh_memory, reacquire, remember
 from clt.filters.unicycle import arc, process_noise
 from clt.streams import Floats, Indices, Stamps
@@ -37,8 +37,7 @@ class Outputs(NamedTuple):
     robot: Indices
 
 
-@dataclass(frozen=True)
-class Run:
+class Run(NamedTuple):
     """What the kernel gives back. One row per output and one per range."""
 
     mean: Floats
@@ -55,7 +54,22 @@ class Run:
     last_covariance: Floats
 
 
-@kernel
+class State(NamedTuple):
+    """What the filter knows of n robots."""
+
+    x: Floats
+    """Nominal state, shape (3n,)."""
+    P: Floats
+    """Covariance of the error state, shape (3n, 3n)."""
+    time: Stamps
+    """Up to when each robot is propagated, ns."""
+    cursor: Indices
+    """The twist segment that each robot is in."""
+    memory: Indices
+    """What each robot's ranges said of late (`reacquisition`)."""
+
+
+@lean
 def propagate(
     x: Floats, P: Floats, i: int, v: float, omega: float, dt: float,
     interval: float, var_v: float, var_omega: float, form: int,
@@ -90,18 +104,10 @@ def propagate(
     x[T] += omega * dt
 
 
-@kernel
-def advance(
-    x: Floats,
-    P: Floats,
-    i: int,
-    until: int,
-    time: Stamps,
-    cursor: Indices,
-    segments: Segments,
-    form: int,
-) -> None:
+@lean
+def advance(state: State, i: int, until: int, segments: Segments, form: int) -> None:
     """Bring robot i to the time `until` (ns) through its twist segments."""
+    x, P, time, cursor, _ = state
     while time[i] < until:
         k = cursor[i]
         if k >= segments.first[i + 1]:
@@ -109,109 +115,64 @@ def advance(
             return
         stop = min(until, segments.end[k])
         propagate(
-            x,
-            P,
-            i,
-            segments.v[k],
-            segments.omega[k],
-            (stop - time[i]) * 1e-9,
-            segments.interval[k],
-            segments.var_v[k],
-            segments.var_omega[k],
-            form,
-        )
+            x, P, i, segments.v[k], segments.omega[k], (stop - time[i]) * 1e-9,
+            segments.interval[k], segments.var_v[k], segments.var_omega[k], form,
+        )  # fmt: skip
         time[i] = stop
         if stop == segments.end[k]:
             cursor[i] = k + 1
 
 
-@kernel
-def predict_range(
-    x: Floats, lever: Floats, a: int, b: int, px: float, py: float, H: Floats, m: int
-) -> float:
-    """Distance h(x) of one range; its Jacobian goes to H[m]: three entries of a, three of b.
-
-    An end outside the state is at the fixed (px, py).
-    """
-    ax, ay, bx, by = px, py, px, py
-    adx, ady, bdx, bdy = 0.0, 0.0, 0.0, 0.0
-    if a >= 0:
-        ax, ay, adx, ady = antenna(x[3 * a], x[3 * a + 1], x[3 * a + 2], lever[a, 0], lever[a, 1])
-    if b >= 0:
-        bx, by, bdx, bdy = antenna(x[3 * b], x[3 * b + 1], x[3 * b + 2], lever[b, 0], lever[b, 1])
-    h, ex, ey = distance(ax - bx, ay - by)
-    for k in range(6):
-        H[m, k] = 0.0
-    if a >= 0:
-        H[m, 0], H[m, 1], H[m, 2] = ex, ey, ex * adx + ey * ady
-    if b >= 0:
-        H[m, 3], H[m, 4], H[m, 5] = -ex, -ey, -(ex * bdx + ey * bdy)
-    return h
-
-
-@kernel
+@lean
 def innovate(
-    x: Floats,
-    P: Floats,
-    lever: Floats,
-    ranges: RangeTable,
-    m: int,
-    last: int,
-    gate: float,
-    H: Floats,
-    residual: Floats,
-    spread: Floats,
-    verdict: Indices,
-) -> None:
+    state: State, lever: Floats, ranges: RangeTable, m: int, last: int, gate: float,
+    work: Work, run: Run,
+) -> None:  # fmt: skip
     """Residual r = z - h(x) of ranges m .. last - 1, variance S, verdict r^2 <= gate S."""
+    J, H = work.J, work.H
     for k in range(m, last):
-        a, b = ranges.a[k], ranges.b[k]
-        h = predict_range(x, lever, a, b, ranges.anchor[k, 0], ranges.anchor[k, 1], H, k - m)
-        r = ranges.range[k] - h
-        S = kalman.projected_variance(P, a, b, H, k - m) + ranges.variance[k]
-        residual[k], spread[k] = r, S
-        verdict[k] = USED if gate <= 0.0 or r * r <= gate * S else REJECTED
+        row, px, py = k - m, ranges.anchor[k, 0], ranges.anchor[k, 1]
+        r = ranges.range[k] - predict_range(
+            state.x, lever, ranges.a[k], ranges.b[k], px, py, J, H, row
+        )
+        S = kalman.projected_variance(state.P, J, H, row) + ranges.variance[k]
+        verdict = USED if gate <= 0.0 or r * r <= gate * S else REJECTED
+        run.residual[k], run.variance[k], run.verdict[k] = r, S, verdict
+        work.residual[row], work.R[row], work.used[row] = r, ranges.weight_variance[k], verdict
 
 
-@kernel
-def fuse(
-    x: Floats,
-    P: Floats,
-    lever: Floats,
-    ranges: RangeTable,
-    m: int,
-    last: int,
-    memory: Indices,
-    gate: float,
-    patience: int,
-    residual: Floats,
-    spread: Floats,
-    verdict: Indices,
-    large: int | None,
-) -> None:
-    """Correct x and P, in place, with the ranges m .. last - 1 of one instant.
+@inlined
+def judge(
+    state: State, lever: Floats, ranges: RangeTable, m: int, last: int, gate: float,
+    patience: int, work: Work, run: Run,
+) -> None:  # fmt: skip
+    """Gate the ranges m .. last - 1 of one instant, anew if they show that a robot was lost."""
+    a, b, memory = ranges.a, ranges.b, state.memory
+    lost = True
+    while lost:
+        innovate(state, lever, ranges, m, last, gate, work, run)
+        lost = reacquire(state.P, a, b, run.residual, m, last, ranges.stamp[m], memory, patience)
+    for k in range(m, last):
+        for i, partner in ((a[k], b[k]), (b[k], a[k])):
+            remember(i, partner, run.verdict[k] == USED, memory)
 
-    `memory` counts, per robot, what its ranges said of late. From `large` ranges per robot the
-    information form is used; with None it is not even compiled.
+
+@inlined
+def correct(state: State, work: Work, count: int, large: int | None) -> None:
+    """Fuse `count` ranges of one instant: error state and covariance, then the nominal state.
+
+    From `large` ranges per robot in information form; with None that is not even compiled.
     """
-    H = np.empty((last - m, 6))
-    innovate(x, P, lever, ranges, m, last, gate, H, residual, spread, verdict)
-    if reacquire(P, ranges, m, last, residual, memory, patience):
-        innovate(x, P, lever, ranges, m, last, gate, H, residual, spread, verdict)
-    for k in range(m, last):
-        a, b, used = ranges.a[k], ranges.b[k], verdict[k] == USED
-        remember(a, b, used, memory)
-        remember(b, a, used, memory)
-    a, b, R = ranges.a[m:last], ranges.b[m:last], ranges.weight_variance[m:last]
-    if large is not None and last - m >= large * (x.size // 3):
-        delta = kalman.batch(P, a, b, H, residual[m:last], R, verdict[m:last])
+    x = state.x
+    if large is not None and count >= large * (x.size // 3):
+        kalman.batch(state.P, work, count)
     else:
-        delta = kalman.sequential(P, a, b, H, residual[m:last], R, verdict[m:last])
+        kalman.sequential(state.P, work, count)
     for k in range(x.size):
-        x[k] += delta[k]
+        x[k] += work.delta[k]
 
 
-@kernel
+@inlined
 def read_out(x: Floats, P: Floats, i: int, mean: Floats, covariance: Floats, o: int) -> None:
     """Copy the pose of robot i, heading in (-pi, pi], and its covariance to output o."""
     for r in range(3):
@@ -221,31 +182,20 @@ def read_out(x: Floats, P: Floats, i: int, mean: Floats, covariance: Floats, o: 
     mean[o, 2] = math.pi - (math.pi - mean[o, 2]) % (2.0 * math.pi)
 
 
-@kernel
+@lean
 def eskf(
-    x: Floats,
-    P: Floats,
-    start: int,
-    lever: Floats,
-    segments: Segments,
-    ranges: RangeTable,
-    outputs: Outputs,
-    gate: float,
-    patience: int,
-    form: int,
-    large: int | None,
-) -> tuple[Floats, Floats, Floats, Floats, Indices]:
-    """The filter over a whole log; x (3n,) and P (3n, 3n) end as the last posterior.
+    state: State, start: int, lever: Floats, segments: Segments, ranges: RangeTable,
+    outputs: Outputs, gate: float, patience: int, form: int, large: int | None,
+    work: Work, run: Run,
+) -> None:  # fmt: skip
+    """The filter over a whole log: fills `run`; `state` ends as the last posterior.
 
-    Ranges of one stamp are fused together, before the outputs of that stamp. Returns mean (o, 3)
-    and covariance (o, 3, 3) per output; residual, its variance and the verdict per range.
+    Ranges of one stamp are fused together, before the outputs of that stamp.
     """
-    n, M, O = x.size // 3, ranges.stamp.size, outputs.stamp.size  # noqa: E741
-    time, memory = np.full(n, start), fresh_memory(n, start)
-    cursor = segments.first[:-1].copy()
-    mean, covariance = np.empty((O, 3)), np.empty((O, 3, 3))
-    residual, spread, verdict = np.empty(M), np.empty(M), np.zeros(M, np.int64)
-    m, o, now = 0, 0, start
+    M, O = ranges.stamp.size, outputs.stamp.size  # noqa: E741
+    # A literal 0 would compile all that is called with it once more.
+    m: int = np.int64(0)  # type: ignore[assignment]
+    o, now = m, start
     while m < M or o < O:
         now = outputs.stamp[o] if o < O else ranges.stamp[m]
         if m < M:
@@ -253,34 +203,26 @@ def eskf(
         last = m
         while last < M and ranges.stamp[last] == now:
             for i in (ranges.a[last], ranges.b[last]):
-                if i >= 0 and time[i] < now:
-                    advance(x, P, i, now, time, cursor, segments, form)
+                if i >= 0 and state.time[i] < now:
+                    advance(state, i, now, segments, form)
             last += 1
         if last > m:
-            fuse(
-                x,
-                P,
-                lever,
-                ranges,
-                m,
-                last,
-                memory,
-                gate,
-                patience,
-                residual,
-                spread,
-                verdict,
-                large,
-            )
+            judge(state, lever, ranges, m, last, gate, patience, work, run)
+            correct(state, work, last - m, large)
             m = last
         while o < O and outputs.stamp[o] == now:
             i = outputs.robot[o]
-            advance(x, P, i, now, time, cursor, segments, form)
-            read_out(x, P, i, mean, covariance, o)
+            advance(state, i, now, segments, form)
+            read_out(state.x, state.P, i, run.mean, run.covariance, o)
             o += 1
-    for i in range(n):
-        advance(x, P, i, now, time, cursor, segments, form)
-    return mean, covariance, residual, spread, verdict
+    for i in range(state.time.size):
+        advance(state, i, now, segments, form)
+
+
+def most_at_once(stamp: Stamps) -> int:
+    """How often the most frequent of the sorted stamps occurs."""
+    first = np.flatnonzero(np.diff(stamp, prepend=stamp[:1] - 1))
+    return int(np.diff(first, append=stamp.size).max(initial=0))
 
 
 def run(
@@ -301,14 +243,19 @@ def run(
     gate: chi-square bound of one range, 0 for none; reacquire: s; form: of the process noise.
     Linear algebra runs in one thread: at these sizes a second one costs more than it helps.
     """
-    x, P = mean.astype(np.float64).copy(), covariance.astype(np.float64).copy()
+    x, P = mean.astype(np.float64), covariance.astype(np.float64)
+    n, M, O = x.size // 3, ranges.stamp.size, outputs.stamp.size  # noqa: E741
+    state = State(x, P, np.full(n, start), segments.first[:-1].copy(), fresh_memory(n, start))
+    work = kalman.workspace(most_at_once(ranges.stamp), x.size)
+    result = Run(
+        np.empty((O, 3)), np.empty((O, 3, 3)),
+        np.empty(M), np.empty(M), np.empty(M, np.int64), x, P,
+    )  # fmt: skip
     patience = int(reacquire * 1e9)
-    large = BATCH_PER_ROBOT if x.size >= 3 * BATCH_ROBOTS else None
+    large = BATCH_PER_ROBOT if n >= BATCH_ROBOTS else None
     with threadpool_limits(1, "blas") if large is not None else nullcontext():
-        result = eskf(x, P, start, lever, segments, ranges, outputs, gate, patience, form, large)
-    return Run(*result, x, P)
-
-
-def needs_compiling() -> bool:
-    """Whether the first run in this installation has to compile the kernel (some seconds)."""
-    return not is_cached(eskf)
+        eskf(
+            state, start, lever, segments, ranges, outputs, gate, patience, form, large,
+            work, result,
+        )  # fmt: skip
+    return result

@@ -161,7 +161,10 @@ def _update(
     whole = np.zeros(ranges.stamp.size)
     whole[rows] = r
     S = np.einsum("mi,ij,mj->m", H, ekf.P, H) + ranges.variance[rows]
-    if reacquire_robots(ekf.P, ranges, rows.start, rows.stop, whole, memory, patience):
+    now = ranges.stamp[rows.start]
+    if reacquire_robots(
+        ekf.P, ranges.a, ranges.b, whole, rows.start, rows.stop, now, memory, patience
+    ):
         S = np.einsum("mi,ij,mj->m", H, ekf.P, H) + ranges.variance[rows]
     inside = (r * r <= gate * S) | (gate <= 0.0)
     for a, b, used in zip(ranges.a[rows], ranges.b[rows], inside, strict=True):

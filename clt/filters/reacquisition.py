@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.filters.compiled import kernel
-from clt.filters.inputs import RangeTable
+from clt.filters.compiled import inlined, lean
 from clt.streams import Floats, Indices
 
 SINCE, ACCEPTED, CONTRADICTED, ACCUSER = 0, 1, 2, 3
@@ -21,7 +20,7 @@ LOST_HEADING = 1.0
 """Standard deviation of the heading of a robot that was lost, rad."""
 
 
-@kernel
+@inlined
 def widen(P: Floats, i: int, spread: float) -> None:
     """Forget where robot i is: position to `spread` m, heading to LOST_HEADING, no correlation."""
     for r in range(3 * i, 3 * i + 3):
@@ -31,16 +30,12 @@ def widen(P: Floats, i: int, spread: float) -> None:
     P[3 * i + 2, 3 * i + 2] = LOST_HEADING * LOST_HEADING
 
 
-@kernel
 def fresh_memory(n: int, start: int) -> Indices:
     """Memory of n robots, shape (n, 4), at the time `start` (ns)."""
-    memory = np.zeros((n, 4), np.int64)
-    for i in range(n):
-        memory[i, SINCE], memory[i, ACCUSER] = start, NOBODY
-    return memory
+    return np.tile(np.array([start, 0, 0, NOBODY]), (n, 1))
 
 
-@kernel
+@lean
 def remember(i: int, partner: int, used: bool, memory: Indices) -> None:
     """Note for robot i that a range with `partner` was accepted or rejected."""
     if i < 0:
@@ -55,32 +50,34 @@ def remember(i: int, partner: int, used: bool, memory: Indices) -> None:
         memory[i, ACCUSER] = SEVERAL
 
 
-@kernel
+@inlined
+def worst(i: int, a: Indices, b: Indices, residual: Floats, m: int, last: int) -> float:
+    """Largest absolute residual of robot i among the ranges m .. last - 1."""
+    largest = 0.0
+    for k in range(m, last):
+        if a[k] == i or b[k] == i:
+            largest = max(largest, abs(residual[k]))
+    return largest
+
+
+@lean
 def reacquire(
-    P: Floats,
-    ranges: RangeTable,
-    m: int,
-    last: int,
-    residual: Floats,
-    memory: Indices,
-    patience: int,
-) -> bool:
+    P: Floats, a: Indices, b: Indices, residual: Floats, m: int, last: int,
+    now: int, memory: Indices, patience: int,
+) -> bool:  # fmt: skip
     """Widen the robots that most of their ranges contradicted over the last `patience` ns.
 
-    Only where several partners did: one alone may be the one that is wrong. Returns whether any
-    robot was lost.
+    Ranges m .. last - 1 are those of the time `now` (ns). Only where several partners contradict:
+    one alone may be the one that is wrong. Returns whether any robot was lost.
     """
-    now, any_lost = ranges.stamp[m], False
+    any_lost = False
     for i in range(memory.shape[0]):
         if now - memory[i, SINCE] <= patience:
             continue
         if memory[i, ACCUSER] == SEVERAL and memory[i, CONTRADICTED] > memory[i, ACCEPTED]:
-            worst = 0.0
-            for k in range(m, last):
-                if ranges.a[k] == i or ranges.b[k] == i:
-                    worst = max(worst, abs(residual[k]))
-            if worst > 0.0:
-                widen(P, i, worst)
+            spread = worst(i, a, b, residual, m, last)
+            if spread > 0.0:
+                widen(P, i, spread)
                 any_lost = True
         memory[i, SINCE], memory[i, ACCUSER] = now, NOBODY
         memory[i, ACCEPTED] = memory[i, CONTRADICTED] = 0

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 
-from clt.filters.compiled import kernel
+from clt.filters.compiled import inlined
 
 EXACT, SHI = 0, 1
 """Forms of the process noise."""
 
 
-@kernel
+@inlined
 def arc(theta: float, v: float, omega: float, dt: float) -> tuple[float, float, float, float]:
     """A constant twist over dt seconds from heading theta: (dx, dy, c, s).
 
@@ -28,7 +28,7 @@ def arc(theta: float, v: float, omega: float, dt: float) -> tuple[float, float, 
     return chord * c, chord * s, c, s
 
 
-@kernel
+@inlined
 def sinc(angle: float) -> float:
     """Sine of an angle over the angle, by its series near zero."""
     if abs(angle) < 0.05:
@@ -37,7 +37,7 @@ def sinc(angle: float) -> float:
     return math.sin(angle) / angle
 
 
-@kernel
+@inlined
 def process_noise(
     v: float,
     dt: float,

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from clt.filters import eskf, filterpy_engine, world
-from clt.filters.eskf import REJECTED, USED, predict_range
+from clt.filters.eskf import REJECTED, USED
+from clt.filters.ranging import predict_range
 from clt.filters.settings import FilterSettings
 from clt.geometry import wrap
 from clt.init.truth import from_truth
@@ -43,8 +44,8 @@ def through_filterpy(problem, options=DEFAULTS):
 def test_range_jacobian_matches_finite_differences(state, arms, ends):
     x, lever = np.array(state), np.array(arms).reshape(2, 2)
     a, b = ends
-    H, scratch, e = np.empty((1, 6)), np.empty((1, 6)), 1e-6
-    h = predict_range(x, lever, a, b, 7.0, -8.0, H, 0)
+    J, H, scratch, e = np.empty((1, 6), np.int64), np.empty((1, 6)), np.empty((1, 6)), 1e-6
+    h = predict_range(x, lever, a, b, 7.0, -8.0, J, H, 0)
     if h < 0.1:
         return
     for k in range(6):
@@ -52,8 +53,8 @@ def test_range_jacobian_matches_finite_differences(state, arms, ends):
         up[k] += e
         down[k] -= e
         slope = (
-            predict_range(up, lever, a, b, 7.0, -8.0, scratch, 0)
-            - predict_range(down, lever, a, b, 7.0, -8.0, scratch, 0)
+            predict_range(up, lever, a, b, 7.0, -8.0, J, scratch, 0)
+            - predict_range(down, lever, a, b, 7.0, -8.0, J, scratch, 0)
         ) / (2 * e)
         assert np.isclose(H[0, k], slope, atol=1e-5)
 

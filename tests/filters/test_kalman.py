@@ -15,63 +15,70 @@ def problem(seed, robots, rows):
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(3 * robots, 3 * robots))
     P = root @ root.T / robots + 0.01 * np.eye(3 * robots)
-    a = rng.integers(0, robots, rows)
-    b = rng.integers(-1, robots, rows)
-    b = np.where(a == b, -1, b)
-    swap = rng.random(rows) < 0.5
-    a, b = np.where(swap, b, a), np.where(swap, a, b)
-    H = rng.normal(size=(rows, 6))
-    H[rng.random(rows) < 0.5, 2] = 0.0
-    H[rng.random(rows) < 0.5, 5] = 0.0
-    H[a < 0, :3] = 0.0
-    H[b < 0, 3:] = 0.0
-    used = (rng.random(rows) < 0.8).astype(np.int64)
-    return P, a, b, H, rng.normal(size=rows), rng.uniform(0.01, 1.0, rows), used
+    work = kalman.workspace(rows + 2, 3 * robots)
+    for m in range(rows):
+        a, b = rng.permutation(robots + 1)[:2] - 1  # -1: fixed
+        for k, i in ((0, a), (3, b)):
+            work.J[m, k : k + 3] = 3 * max(i, 0) + np.arange(3)
+            work.H[m, k : k + 3] = rng.normal(size=3) * [
+                i >= 0,
+                i >= 0,
+                i >= 0 and rng.random() < 0.5,
+            ]
+    work.residual[:] = rng.normal(size=rows + 2)
+    work.R[:] = rng.uniform(0.01, 1.0, rows + 2)
+    work.used[:] = rng.random(rows + 2) < 0.8
+    work.delta[:] = 7.0
+    return P, work
 
 
-def textbook(P, a, b, H, residual, R, used):
+def full_rows(work, count):
+    """The Jacobian with all its zeros, shape (count, N)."""
+    H = np.zeros((count, work.delta.size))
+    np.add.at(H, (np.arange(count)[:, None], work.J[:count]), work.H[:count])
+    return H
+
+
+def textbook(P, work, count):
     """x += K r, P = (I - K H) P with full matrices."""
-    full = np.zeros((residual.size, P.shape[0]))
-    for m in range(residual.size):
-        for k in range(3):
-            if a[m] >= 0:
-                full[m, 3 * a[m] + k] += H[m, k]
-            if b[m] >= 0:
-                full[m, 3 * b[m] + k] += H[m, 3 + k]
-    keep = used != 0
-    full = full[keep]
-    S = full @ P @ full.T + np.diag(R[keep])
-    K = np.linalg.solve(S, full @ P).T
-    return K @ residual[keep], P - K @ full @ P
+    used = np.flatnonzero(work.used[:count])
+    H, R = full_rows(work, count)[used], np.diag(work.R[used])
+    K = np.linalg.solve(H @ P @ H.T + R, H @ P).T
+    return K @ work.residual[used], P - K @ H @ P
 
 
 @pytest.mark.parametrize("update", [kalman.sequential, kalman.batch])
 @given(seed=st.integers(0, 2**32), robots=st.integers(1, 6), rows=st.integers(1, 20))
 @settings(max_examples=60, deadline=None)
 def test_update_is_the_textbook_one(update, seed, robots, rows):
-    P, *rest = problem(seed, robots, rows)
-    delta, wanted = textbook(P, *rest)
-    np.testing.assert_allclose(update(P, *rest), delta, rtol=1e-8, atol=1e-9)
+    P, work = problem(seed, robots, rows)
+    delta, wanted = textbook(P, work, rows)
+    update(P, work, rows)
+    np.testing.assert_allclose(work.delta, delta, rtol=1e-8, atol=1e-9)
     np.testing.assert_allclose(P, wanted, rtol=1e-8, atol=1e-9)
 
 
+def test_the_covariance_stays_symmetric_to_the_last_bit():
+    P, work = problem(2, 4, 12)
+    P += P.T
+    kalman.sequential(P, work, 12)
+    np.testing.assert_array_equal(P, P.T)
+
+
 def test_rejected_rows_change_nothing():
-    P, a, b, H, residual, R, used = problem(1, 3, 8)
+    P, work = problem(1, 3, 8)
     before = P.copy()
+    work.used[:] = 0
     for update in (kalman.sequential, kalman.batch):
-        assert not np.any(update(P, a, b, H, residual, R, np.zeros_like(used)))
+        update(P, work, 8)
+        assert not np.any(work.delta)
         np.testing.assert_array_equal(P, before)
 
 
 @given(seed=st.integers(0, 2**32))
 @settings(max_examples=40, deadline=None)
 def test_projected_variance_is_h_p_h(seed):
-    P, a, b, H, *_ = problem(seed, 4, 6)
+    P, work = problem(seed, 4, 6)
+    H = full_rows(work, 6)
     for m in range(6):
-        full = np.zeros(12)
-        for k in range(3):
-            if a[m] >= 0:
-                full[3 * a[m] + k] += H[m, k]
-            if b[m] >= 0:
-                full[3 * b[m] + k] += H[m, 3 + k]
-        assert np.isclose(kalman.projected_variance(P, a[m], b[m], H, m), full @ P @ full)
+        assert np.isclose(kalman.projected_variance(P, work.J, work.H, m), H[m] @ P @ H[m])

@@ -1,0 +1,26 @@
+"""Saying why the first run takes longer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from clt.cli.console import Console
+
+
+@contextmanager
+def announced(console: Console) -> Iterator[None]:
+    """Say so, once, if a kernel has to be compiled meanwhile."""
+    from clt.filters.compiled import watched
+
+    def say(kept: bool) -> None:
+        if kept:
+            console.say("compiling the filter once for this machine (some seconds) ...")
+        else:
+            console.say(
+                "compiling the filter (some seconds), in every run: there is no directory to keep "
+                "it in; name one with NUMBA_CACHE_DIR=DIR"
+            )
+
+    with watched(say):
+        yield

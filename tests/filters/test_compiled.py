@@ -1,0 +1,87 @@
+"""The cache of machine code: kept, renewed when any source changes, done without."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from clt.filters import compiled
+
+LEAF = """
+from kernels.compiled import lean
+
+@lean
+def leaf(x):
+    return x + {term}
+"""
+ROOT = """
+import numpy as np
+from kernels.compiled import inlined, kernel, is_cached, watched
+from kernels.leaf import leaf
+
+@inlined
+def twice(x):
+    return 2.0 * x
+
+@kernel
+def root(x):
+    return twice(leaf(x))
+
+print(is_cached(root))
+with watched(lambda kept: print("compiling", kept)):
+    root(1.0), root(np.float32(1.0))
+print(is_cached(root), root(1.0))
+"""
+
+
+@pytest.fixture
+def package(tmp_path):
+    """A package of two kernels, one calling the other, beside a copy of clt's decorators."""
+    folder = tmp_path / "kernels"
+    folder.mkdir()
+    shutil.copy(compiled.__file__, folder / "compiled.py")
+    (folder / "leaf.py").write_text(LEAF.format(term="1.0"))
+    (folder / "root.py").write_text(ROOT)
+    return folder
+
+
+def run(package: Path, cache: Path, home: Path | None = None) -> str:
+    """What a process says that imports and runs the kernels."""
+    home = home or package.parent
+    environment = os.environ | {
+        "NUMBA_CACHE_DIR": str(cache),
+        "HOME": str(home),
+        "XDG_CACHE_HOME": str(home),
+        "LOCALAPPDATA": str(home),
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+    command = [sys.executable, "-W", "error", "-m", "kernels.root"]
+    done = subprocess.run(
+        command, cwd=package.parent, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_machine_code_is_kept_until_any_source_changes(package, tmp_path):
+    cache = tmp_path / "cache"
+    assert run(package, cache) == "False\ncompiling True\nTrue 4.0\n"
+    assert run(package, cache) == "True\nTrue 4.0\n"
+    # Only the callee's file changes, and its time of change lies in the past as after unpacking.
+    (package / "leaf.py").write_text(LEAF.format(term="2.0"))
+    os.utime(package / "leaf.py", (1e9, 1e9))
+    assert run(package, cache) == "False\ncompiling True\nTrue 6.0\n"
+
+
+def test_works_where_nothing_can_be_written(package, tmp_path):
+    """Files stand where directories of the cache would be: so it holds for root, too."""
+    nowhere = tmp_path / "file"
+    nowhere.touch()
+    (package / "__pycache__").touch()
+    for _ in range(2):
+        assert run(package, nowhere, nowhere) == "False\ncompiling False\nFalse 4.0\n"
