@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clt.errors import LogError
 from clt.geometry import heading_of_quaternion
@@ -36,6 +37,10 @@ POSES: dict[str, tuple[str, str, str | None]] = {
     "nav_msgs/Odometry": ("pose.pose.position", "pose.pose.orientation", "pose.covariance"),
     "geometry_msgs/TransformStamped": ("transform.translation", "transform.rotation", None),
 }
+SECOND = 1_000_000_000
+BEYOND = SECOND << 31
+"""The first stamp that does not fit the 32 bits of ROS 2 time, ns."""
+LARGEST = (1 << 63) - 1
 PLANAR = [0, 1, 5]
 """x, y and yaw among the six rows of a ROS covariance."""
 
@@ -44,6 +49,7 @@ PLANAR = [0, 1, 5]
 class Table:
     """A topic's messages with their stamps and decoded fields, in file order."""
 
+    log: str
     place: str
     messages: Messages
     decoded: Decoded
@@ -53,9 +59,28 @@ class Table:
         """A field as it stands in the messages."""
         return self.decoded.columns[path]
 
-    def floats(self, path: str) -> Floats:
-        """A field as float64."""
-        return self.decoded.columns[path].astype(np.float64)
+    def floats(self, path: str, size: int | None = None) -> Floats:
+        """A field of one number, or of an array of `size`, as float64. Raises LogError."""
+        what = "a number" if size is None else f"an array of {size} numbers"
+        return self._checked(path, "iuf", what, size).astype(np.float64)
+
+    def integers(self, path: str) -> Indices:
+        """A field of one integer as int64, larger ones as the largest. Raises LogError."""
+        column = self._checked(path, "iu", "an integer")
+        if column.dtype == np.uint64:
+            column = np.minimum(column, LARGEST)
+        return column.astype(np.int64)
+
+    def flags(self, path: str) -> NDArray[np.bool_]:
+        """A field that is true or false, or 0 for false. Raises LogError."""
+        return self._checked(path, "biu", "true or false").astype(np.bool_)
+
+    def _checked(self, path: str, kinds: str, what: str, size: int | None = None) -> Column:
+        """A field of these numpy kinds. Raises LogError for any other."""
+        column = self.decoded.columns[path]
+        if column.dtype.kind not in kinds or column.shape[1:] != (() if size is None else (size,)):
+            raise LogError(f"{self.log}: {self.place}: `{path}` is not {what}")
+        return column
 
 
 def stamp_path(struct: Struct) -> str | None:
@@ -74,7 +99,8 @@ def table(log: Log, topic: str, paths: list[str], log_time: bool) -> Table:
     """Decode a topic. Raises LogError for an unknown field or a definition that makes no sense.
 
     Stamps are the header's where there is one; headers that nobody filled in are a fault, and
-    the times of recording are used instead.
+    the times of recording are used instead. Messages whose times no log of ours could hold are
+    dropped.
     """
     path = None if log_time else stamp_path(log.struct(topic))
     clock = [] if path is None else [f"{path}.sec", f"{path}.nanosec"]
@@ -82,15 +108,37 @@ def table(log: Log, topic: str, paths: list[str], log_time: bool) -> Table:
         messages, decoded = log.decode(topic, [*clock, *paths])
     except PathError as error:
         raise LogError(f"{log.name}: {topic}: {error}") from None
-    stamp = messages.log_time
+    data = Table(log.name, topic, messages, decoded, messages.log_time)
     if path is not None:
-        seconds, nanoseconds = (decoded.columns[name].astype(np.int64) for name in clock)
-        stamp = seconds * 10**9 + nanoseconds
+        stamp = nanoseconds(*(data.integers(name) for name in clock))
+        data = replace(data, stamp=stamp)
         if len(stamp) > 1 and not stamp.any():
             text = "the header stamps are all zero; the times of recording were used"
             log.faults.add("stamp", topic, text)
-            stamp = messages.log_time
-    return Table(topic, messages, decoded, stamp)
+            data = replace(data, stamp=messages.log_time)
+    return _in_time(log, data)
+
+
+def nanoseconds(seconds: Indices, rest: Indices) -> Stamps:
+    """Stamps (n,) of a time in two fields; -1 where they are no ROS 2 time."""
+    fits = (seconds >= 0) & (seconds < BEYOND // SECOND) & (rest >= 0) & (rest < 1 << 32)
+    if fits.all():
+        return seconds * SECOND + rest
+    return np.where(fits, np.where(fits, seconds, 0) * SECOND + np.where(fits, rest, 0), -1)
+
+
+def _in_time(log: Log, data: Table) -> Table:
+    """The messages whose stamp fits ROS 2 time and whose time of recording fits MCAP."""
+    late = (data.stamp < 0) | (data.stamp >= BEYOND) | (data.messages.log_time < 0)
+    if not late.any():
+        return data
+    text = "stamps do not fit ROS 2 time, 1970 to 2038 (`stamp` in a streams file chooses others)"
+    rows = np.flatnonzero(tidy.drop(log.faults, data.place, "time", late, text))
+    columns = {path: column[rows] for path, column in data.decoded.columns.items()}
+    decoded = Decoded(columns, data.decoded.good[rows])
+    return replace(
+        data, messages=data.messages.select(rows), decoded=decoded, stamp=data.stamp[rows]
+    )
 
 
 def odometry(log: Log, stream: Stream) -> Odometry:
@@ -123,10 +171,10 @@ def poses(log: Log, stream: Stream, with_covariance: bool) -> Poses:
     frame = str(frames[data.decoded.good][0]) if data.decoded.good.any() else ""
     strange = data.decoded.good & (frames != frame)
     same = tidy.drop(log.faults, data.place, "frame", strange, f"poses are not in `{frame}`")
-    rows = _rows(log, data, *values, *(data.floats(path) for path in matrix))
+    rows = _rows(log, data, *values, *(data.floats(path, 36) for path in matrix))
     rows = rows[same[rows]]
     x, y, *quaternion = (value[rows] for value in values)
-    full = data.floats(matrix[0])[rows].reshape(-1, 6, 6) if len(matrix) > 0 else None
+    full = data.floats(matrix[0], 36)[rows].reshape(-1, 6, 6) if len(matrix) > 0 else None
     return Poses(
         frame,
         data.stamp[rows],

@@ -68,18 +68,20 @@ def inferred(
     roles = [found for found in map(role_of, log.topics) if found is not None]
     names = sorted({robot for robot, _ in roles if robot != ""}, key=natural)
     moving = {robot for robot, role in roles if role == "odometry"}
-    moving |= {robot for robot, one in framed.items() if one.column("odometry_valid").any()}
+    moving |= {robot for robot, one in framed.items() if one.flags("odometry_valid").any()}
     ids: dict[str, int] = {}
     seen: set[int] = set()
-    told = [(robot, one.column("source")[one.decoded.good]) for robot, one in framed.items()]
+    told = [(robot, one.integers("source")[one.decoded.good]) for robot, one in framed.items()]
     for robot, one in measured:
         if isinstance(one.source, str) or isinstance(one.target, str):
             continue
         good = one.data.decoded.good
         told.append((robot, one.source[good]))
         seen |= {int(number) for number in np.unique(one.target[good])}
+    seen = {number for number in seen if 0 <= number < 1 << 16}
     for robot, sources in told:
-        numbers, counts = np.unique(sources, return_counts=True)
+        valid = (sources >= 0) & (sources < 1 << 16)
+        numbers, counts = np.unique(sources[valid], return_counts=True)
         free = [int(n) for n in numbers[np.argsort(-counts)] if int(n) not in ids.values()]
         if robot not in ids and len(free) > 0:
             ids[robot] = free[0]

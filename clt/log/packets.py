@@ -11,10 +11,13 @@ from clt.log import tidy
 from clt.log.channels import Columns
 from clt.log.convert import Table, table
 from clt.log.layout import layout, stamp_columns
+from clt.log.msgdef import parse
+from clt.log.paths import resolve
 from clt.log.plan import Channel, Select
 from clt.log.ranging import index_of_id
 from clt.log.reader import Log
 from clt.log.roles import Stream
+from clt.log.schemas import ros2msg
 from clt.streams import Frames, Indices, Team, no_frames
 from clt.ticks import SPAN
 
@@ -84,14 +87,18 @@ def frame_channel(team: Team, source: int, frames: Frames) -> Channel:
 
 
 def decode_frames(log: Log, topics: Mapping[str, Stream]) -> dict[str, Table]:
-    """Decode frames by robot. Raises LogError for a topic of another type."""
+    """Decode frames by robot. Raises LogError for a topic of another type or definition."""
     tables = {}
+    ours = parse(FRAME, ros2msg(FRAME))
     for robot, stream in topics.items():
         topic = stream.topic
         if log.struct(topic).name != "clt_msgs/UwbFrame":
             kind = log.topics[topic].type
             raise LogError(f"{log.name}: {topic}: {kind} is not clt_msgs/UwbFrame")
         tables[robot] = table(log, topic, list(FIELDS), stream.log_time)
+        for name in FIELDS:
+            if resolve(log.struct(topic), name) != resolve(ours, name):
+                raise LogError(f"{log.name}: {topic}: `{name}` is not what clt_msgs/UwbFrame has")
     return tables
 
 

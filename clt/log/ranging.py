@@ -52,8 +52,6 @@ def measure(log: Log, stream: RangeStream) -> Measured:
         variance = False
     noise = ["variance"] if struct.name == "sensor_msgs/Range" and variance else []
     data = table(log, stream.topic, [path, *noise], stream.log_time)
-    if data.column(path).dtype.kind not in "iuf" or data.column(path).ndim != 1:
-        raise LogError(f"{log.name}: {stream.topic}: `{path}` is not a number")
     raw = data.floats(path)
     told = deviation(data.floats("variance")) if noise else np.full(len(raw), np.nan)
     return Measured(
@@ -75,7 +73,7 @@ def _ours(log: Log, stream: RangeStream) -> Measured:
     raw, value, told = (data.floats(name) for name in ("raw_range", "range", "sigma"))
     if (stream.gain, stream.offset) != (1.0, 0.0):
         value = stream.gain * raw + stream.offset
-    sequence, source, target = (data.column(name).astype(np.int64) for name in names[:3])
+    sequence, source, target = (data.integers(name) for name in names[:3])
     return Measured(
         stream,
         data,
@@ -142,7 +140,7 @@ def _ends(team: Team, end: Indices | str, count: int) -> Indices:
     """Indices of robots, -1 for an id that nobody has."""
     if isinstance(end, str):
         return np.full(count, team.index(end))
-    return index_of_id(team)[end]
+    return of_ids(team, end)
 
 
 def index_of_id(team: Team) -> Indices:
@@ -153,13 +151,21 @@ def index_of_id(team: Team) -> Indices:
     return index
 
 
+def of_ids(team: Team, ids: Indices) -> Indices:
+    """Indices of the robots with these ids, -1 for an id that nobody has."""
+    known = (ids >= 0) & (ids < 1 << 16)
+    if known.all():
+        return index_of_id(team)[ids]
+    return np.where(known, index_of_id(team)[np.where(known, ids, 0)], -1)
+
+
 def innovations(log: Log, topic: str, team: Team) -> Innovations:
     """What a filter made of each range."""
     if log.struct(topic).name != "clt_msgs/Innovation":
         raise LogError(f"{log.name}: {topic}: {log.topics[topic].type} is not clt_msgs/Innovation")
     names = ["source", "target", "accepted", "residual", "sigma", "nis"]
     data = table(log, topic, names, log_time=False)
-    source, target = (index_of_id(team)[data.column(name).astype(np.int64)] for name in names[:2])
+    source, target = (of_ids(team, data.integers(name)) for name in names[:2])
     residual, sigma, nis = (data.floats(name) for name in names[3:])
     good = data.decoded.good
     rows = tidy.usable(log.faults, topic, good, residual, sigma, nis, most=math.inf)
@@ -173,5 +179,5 @@ def innovations(log: Log, topic: str, team: Team) -> Innovations:
         residual[rows],
         sigma[rows],
         nis[rows],
-        data.column("accepted").astype(np.bool_)[rows],
+        data.flags("accepted")[rows],
     )

@@ -452,6 +452,123 @@ def test_streams_that_the_log_cannot_fill(put, text, told):
         load(put(foreign_log()), put(text.encode(), "streams.toml"))
 
 
+RANGE = {
+    "stamp.sec": "int32", "sequence": "uint32", "source": "uint16", "target": "uint16",
+    "range": "float64", "raw_range": "float64", "sigma": "float64",
+}  # fmt: skip
+CODES = {"int32": "i", "uint32": "I", "uint16": "H", "uint64": "Q", "int64": "q"} | {
+    "float64": "d", "float64[2]": "dd", "bool": "?",
+}  # fmt: skip
+
+
+def foreign_ranges(rows, sec="int32", **kinds):
+    """A log of /R1/uwb/range whose definition has other kinds; rows map fields to values."""
+    kinds = {**RANGE, "stamp.sec": sec, **kinds}
+    names = list(kinds)
+    text = "Time stamp\n" + "\n".join(f"{kinds[name]} {name}" for name in names[1:])
+    text += "\n" + "=" * 80 + f"\nMSG: clt_msgs/Time\n{sec} sec\nuint32 nanosec"
+    stream = io.BytesIO()
+    writer = Writer(stream)
+    writer.start(profile="ros2", library="somebody")
+    schema = writer.register_schema("clt_msgs/msg/Range", "ros2msg", text.encode())
+    channel = writer.register_channel("/R1/uwb/range", "cdr", schema)
+    for number, row in enumerate(rows):
+        cdr = Cdr()
+        for name in names:
+            value = {"stamp.sec": number + 1, "source": 1, "target": 2, **row}.get(name, 3)
+            if kinds[name] == "string":
+                cdr.text(str(value))
+            else:
+                for code in CODES[kinds[name]]:
+                    cdr.put(code, value)
+            if name == "stamp.sec":
+                cdr.put("I", 0)
+        writer.add_message(channel, SECOND + number, cdr.done(), SECOND)
+    writer.add_metadata(TEAM, encode_team(TEAM_OF_THREE))
+    writer.finish()
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("kinds", "told"),
+    [
+        ({"source": "string"}, "`source` is not an integer"),
+        ({"target": "float64"}, "`target` is not an integer"),
+        ({"range": "string"}, "`range` is not a number"),
+        ({"raw_range": "float64[2]"}, "`raw_range` is not a number"),
+        ({"sigma": "bool"}, "`sigma` is not a number"),
+        ({"sec": "string"}, "`stamp.sec` is not an integer"),
+        ({"sec": "float64"}, "`stamp.sec` is not an integer"),
+    ],
+)
+def test_definitions_of_other_kinds_are_refused(put, kinds, told):
+    with pytest.raises(LogError, match=f"x.mcap: /R1/uwb/range: {told}"):
+        load(put(foreign_ranges([{}], **kinds)))
+
+
+@pytest.mark.parametrize(
+    ("kind", "stranger"), [("uint32", 70_000), ("int32", -1), ("uint64", 2**63)]
+)
+def test_ids_beyond_all_robots_are_strangers(put, kind, stranger):
+    data = foreign_ranges([{"target": stranger}, {}], target=kind)
+    recording = load(put(data)).recording
+    assert recording.ranges.stamp.tolist() == [2 * SECOND]
+    assert found(recording) == {"unknown": (1, True)}
+
+
+def test_ids_beyond_all_robots_make_no_team(put):
+    rows = [{"source": 70_000}, {"target": 70_000}, {}]
+    data = foreign_ranges(rows, source="uint32", target="uint32")
+    recording = load(put(data.replace(TEAM.encode(), b"clt.else"))).recording
+    assert [(robot.name, robot.id) for robot in recording.team.robots] == [("R1", 1), ("node2", 2)]
+    assert recording.ranges.stamp.tolist() == [3 * SECOND]
+    assert found(recording) == {"unknown": (2, True)}
+
+
+def test_packets_of_another_definition_are_refused(put):
+    stream = io.BytesIO()
+    writer = Writer(stream)
+    writer.start(profile="ros2", library="somebody")
+    kind = "clt_msgs/msg/UwbFrame"
+    text = ros2msg(kind).replace("uint16 source", "uint32 source")
+    schema = writer.register_schema(kind, "ros2msg", text.encode())
+    channel = writer.register_channel("/R1/uwb/frame", "cdr", schema)
+    writer.add_message(channel, 1, Cdr().put("I", *[70_000] * 400).done(), 1)
+    writer.finish()
+    with pytest.raises(LogError, match="/R1/uwb/frame: `source` is not what clt_msgs/UwbFrame has"):
+        load(put(stream.getvalue()))
+
+
+@pytest.mark.parametrize(
+    ("kind", "sec"),
+    [("int64", 2**62), ("int64", -1), ("uint64", 2**63 + 5), ("uint32", 2**31)],
+)
+def test_stamps_beyond_ros_2_time_are_dropped(put, kind, sec):
+    data = foreign_ranges([{"stamp.sec": sec}, {}, {}], sec=kind)
+    recording = load(put(data)).recording
+    assert recording.ranges.stamp.tolist() == [2 * SECOND, 3 * SECOND]
+    assert found(recording) == {"time": (1, True)}
+    (fault,) = recording.faults
+    assert "x.mcap: /R1/uwb/range: 1 of 3 stamps do not fit ROS 2 time, 1970 to 2038" in fault.text
+    assert "streams file" in fault.text
+
+
+def test_times_of_recording_beyond_2038_are_no_stamps(put):
+    """A recorder whose clock says 2100, and a type without a stamp."""
+    stream = io.BytesIO()
+    writer = Writer(stream)
+    writer.start(profile="ros2", library="somebody")
+    schema = writer.register_schema("std_msgs/msg/Float32", "ros2msg", b"float32 data")
+    channel = writer.register_channel("/float", "cdr", schema)
+    for time in (SECOND, 4_102_444_800 * SECOND, 2**63 + 1):
+        writer.add_message(channel, time, Cdr().put("f", 2.5).done(), time)
+    writer.finish()
+    text = '[robots.a]\n[robots.b]\n[[ranges]]\ntopic = "/float"\nsource = "a"\ntarget = "b"'
+    recording = load(put(stream.getvalue()), put(text.encode(), "streams.toml")).recording
+    assert recording.ranges.stamp.tolist() == [SECOND]
+    assert found(recording) == {"time": (2, True)}
+
+
 def other_encoding(profile, encoding, schema, topic="/R1/odom"):
     stream = io.BytesIO()
     writer = Writer(stream)
