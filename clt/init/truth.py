@@ -65,7 +65,8 @@ def first_instant(recording: Recording, truths: Mapping[str, Poses]) -> tuple[in
 
 def _span_starts(stamp: Stamps) -> Stamps:
     """First stamps of the spans of a reference, which gaps divide."""
-    return stamp[np.append(True, np.diff(stamp) > round(MAX_GAP * SECOND))]
+    first: NDArray[np.bool_] = np.append(True, np.diff(stamp) > round(MAX_GAP * SECOND))
+    return stamp[first]
 
 
 def _ready(
@@ -74,7 +75,8 @@ def _ready(
     """At which of `times` (n,) a robot has truth and odometry."""
     ready = np.zeros(times.size, np.bool_)
     ready[interpolate(truth, times, MAX_GAP)[0]] = True
-    return ready & (times >= begin) & (times <= recording.odometry[name].stamp[-1])
+    ready &= (times >= begin) & (times <= recording.odometry[name].stamp[-1])
+    return ready
 
 
 def static_pose(recording: Recording, robot: Robot) -> InitialPose | None:
