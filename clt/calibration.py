@@ -16,12 +16,13 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, ValidationError, field_validator
 
+from clt.document import Document
 from clt.errors import LogError, UsageError
+from clt.log.metadata import CALIBRATION
 from clt.settings import Settings, nearest, parse, read_toml
 from clt.streams import Floats, Odometry, Ranges, Recording, Team
 
-KEY = "calibration"
-"""Where a recording's `run` says, as JSON, which calibration its columns already contain."""
+KEY = CALIBRATION
 
 Factor = Annotated[float, Field(gt=0.0)]
 
@@ -76,9 +77,9 @@ class Calibration(Settings):
     """By robot name."""
 
 
-def read_calibration(path: Path) -> Calibration:
+def read_calibration(source: Path | Document) -> Calibration:
     """Read a calibration file. Raises UsageError naming the file and the key."""
-    return parse(Calibration, read_toml(path), str(path))
+    return parse(Calibration, read_toml(source), str(source))
 
 
 def apply(recording: Recording, calibration: Calibration) -> Recording:

@@ -16,6 +16,7 @@ from typing import Any, TypeVar, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from clt.document import Document
 from clt.errors import UsageError
 
 PREFIX = "CLT_"
@@ -30,14 +31,15 @@ class Settings(BaseModel):
 S = TypeVar("S", bound=BaseModel)
 
 
-def read_toml(path: Path) -> dict[str, Any]:
+def read_toml(source: Path | Document) -> dict[str, Any]:
     """A TOML file as a dictionary. Raises UsageError naming the file and the line."""
+    document = source if isinstance(source, Document) else Document.read(source)
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UsageError(f"{path}: {error.strerror or error}") from None
+        return tomllib.loads(document.data.decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UsageError(f"{path}: not valid TOML: {error}") from None
+        raise UsageError(f"{source}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise UsageError(f"{source}: nested too deeply") from None
 
 
 def assign(tree: dict[str, Any], key: str, value: Any) -> None:
@@ -65,7 +67,10 @@ def assignments(options: Iterable[str]) -> dict[str, Any]:
         key, sign, text = option.partition("=")
         if sign == "" or key.strip() == "":
             raise UsageError(f"--set {option}: expected KEY=VALUE, e.g. --set duration=60")
-        pairs[key.strip()] = literal(text.strip())
+        try:
+            pairs[key.strip()] = literal(text.strip())
+        except RecursionError:
+            raise UsageError(f"--set {key.strip()}: nested too deeply") from None
     return pairs
 
 
@@ -81,30 +86,41 @@ def known_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
 
 
 def from_environment(
-    model: type[BaseModel],
-    others: Iterable[str] = (),
-    environment: Mapping[str, str] | None = None,
+    model: type[BaseModel], environment: Mapping[str, str] | None = None
 ) -> dict[str, Any]:
     """`CLT_SENSORS__RANGE__SIGMA=0.2` as {"sensors.range.sigma": 0.2} (two underscores = a dot).
 
-    `others` are keys that belong to another command and are passed over here.
-    Raises UsageError for a variable that no command knows.
+    Variables that are no key of `model` are passed over: see `refuse_unknown_variables`.
+    Raises UsageError for a value that cannot be read.
     """
     environment = os.environ if environment is None else environment
-    names = {key.replace(".", "__").upper(): key for key in known_keys(model)}
-    foreign = {key.replace(".", "__").upper() for key in others}
     pairs: dict[str, Any] = {}
-    for variable in sorted(environment):
-        if not variable.startswith(PREFIX):
-            continue
-        name = variable.removeprefix(PREFIX)
-        if name in names:
-            pairs[names[name]] = literal(environment[variable])
-        elif name not in foreign:
-            hint = nearest(name, [*names, *foreign])
-            hint = hint.replace("did you mean `", "did you mean `" + PREFIX)
-            raise UsageError(f"environment variable {variable}: unknown key{hint}")
+    for key in known_keys(model):
+        variable = _variable(key)
+        if variable in environment:
+            try:
+                pairs[key] = literal(environment[variable])
+            except RecursionError:
+                raise UsageError(f"environment variable {variable}: nested too deeply") from None
     return pairs
+
+
+def refuse_unknown_variables(
+    models: Iterable[type[BaseModel]], environment: Mapping[str, str] | None = None
+) -> None:
+    """Raise UsageError for a `CLT_*` variable that is no key of any model, naming the nearest."""
+    environment = os.environ if environment is None else environment
+    known = {_variable(key) for model in models for key in known_keys(model)}
+    for variable in sorted(environment):
+        if variable.startswith(PREFIX) and variable not in known:
+            close = difflib.get_close_matches(variable, known, n=1, cutoff=0.7)
+            hint = f", did you mean `{close[0]}`?" if len(close) == 1 else ""
+            raise UsageError(f"environment variable {variable}: unknown key{hint}")
+
+
+def _variable(key: str) -> str:
+    """The environment variable of a dotted key."""
+    return PREFIX + key.replace(".", "__").upper()
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

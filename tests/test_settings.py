@@ -14,6 +14,7 @@ from clt.settings import (
     nearest,
     parse,
     read_toml,
+    refuse_unknown_variables,
 )
 
 
@@ -109,13 +110,44 @@ def test_known_keys_hold_the_keys_of_every_choice_but_of_no_list():
 
 def test_environment():
     found = from_environment(
-        Top,
-        ["other.key"],
-        {"CLT_BODY__MASS": "2.5", "CLT_NAME": "word", "CLT_OTHER__KEY": "1", "HOME": "/"},
+        Top, {"CLT_BODY__MASS": "2.5", "CLT_NAME": "word", "CLT_OTHER__KEY": "1", "HOME": "/"}
     )
     assert found == {"body.mass": 2.5, "name": "word"}
-    with pytest.raises(UsageError, match=r"CLT_BODY__MAS: .* did you mean `CLT_BODY__MASS`"):
-        from_environment(Top, [], {"CLT_BODY__MAS": "1"})
+
+
+@pytest.mark.parametrize(
+    ("variable", "hint"),
+    [
+        ("CLT_BODY__MAS", ", did you mean `CLT_BODY__MASS`?"),
+        ("CLT_QQQ", ""),
+        ("CLT_", ""),
+        ("CLT_name", ""),
+    ],
+)
+def test_unknown_variables_are_refused_with_at_most_the_nearest_named(variable, hint):
+    with pytest.raises(UsageError) as caught:
+        refuse_unknown_variables([Body, Top], {variable: "1", "CLT_NAME": "x", "HOME": "/"})
+    assert str(caught.value) == f"environment variable {variable}: unknown key{hint}"
+    refuse_unknown_variables([Body, Top], {"CLT_MASS": "1", "CLT_NAME": "x", "HOME": "/"})
+
+
+@pytest.mark.parametrize("depth", [300, 5000, 100000])
+def test_values_nested_too_deeply_are_refused(tmp_path, depth):
+    deep = depth * "[" + depth * "]"
+    path = tmp_path / "deep.toml"
+    path.write_text(f"name = {deep}")
+    for build in (
+        lambda: read_toml(path),
+        lambda: assignments([f"name={deep}"]),
+        lambda: from_environment(Top, {"CLT_NAME": deep}),
+    ):
+        with pytest.raises(UsageError) as caught:
+            parse(Top, build(), "here")
+        text = str(caught.value)
+        assert (
+            "`name`: Input should" in text if depth == 300 else text.endswith("nested too deeply")
+        )
+        assert len(text) < 200
 
 
 @pytest.mark.parametrize(

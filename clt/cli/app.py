@@ -1,12 +1,12 @@
 """The command line: every command's name, one guard around them all, the single exit.
 
-Nothing heavy is imported here; each command imports what it needs when it runs.
+Nothing heavy is imported here: a command's module is imported when the command runs, and that
+imports only typer; it imports what it needs when it runs.
 """
 
 from __future__ import annotations
 
 import functools
-import os
 import signal
 import sys
 from collections.abc import Callable
@@ -17,23 +17,39 @@ import typer
 
 from clt import __version__
 from clt.cli.console import FAILED, INTERRUPTED, TERMINATED
-from clt.cli.demo import demo
-from clt.cli.evaluate import evaluate
-from clt.cli.import_log import import_log
-from clt.cli.info import info
-from clt.cli.localize import localize
-from clt.cli.plot import plot
-from clt.cli.recover import recover
-from clt.cli.simulate import simulate
+from clt.cli.environment import check_environment
+from clt.cli.lazy import Row, lazy_group
+from clt.cli.stdio import prepare
 from clt.errors import CltError
 
-app = typer.Typer(
-    name="clt",
-    help="Where is every robot of a team, from ranges and wheel odometry alone.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+COMMANDS = {
+    "demo": Row(
+        "clt.cli.demo:demo",
+        "Simulate, localize, evaluate and plot, and say where each file went.",
+    ),
+    "import": Row("clt.cli.import_log:import_log", "Turn a data set of another format into a log."),
+    "localize": Row(
+        "clt.cli.localize:localize",
+        "Estimate where every robot is, and how sure that is, from its ranges and odometry.",
+    ),
+    "simulate": Row(
+        "clt.cli.simulate:simulate",
+        "Simulate a team of robots: odometry, ranges and the truth go into a log.",
+    ),
+    "evaluate": Row(
+        "clt.cli.evaluate:evaluate",
+        "Score estimates against the truth, dead reckoning beside them.",
+    ),
+    "plot": Row(
+        "clt.cli.plot:plot",
+        "Draw trajectories, errors with their 3-sigma bounds, and range innovations.",
+    ),
+    "info": Row("clt.cli.info:info", "Tell robots, pairs, rates, gaps, truth and faults of a log."),
+    "recover": Row(
+        "clt.cli.recover:recover",
+        "Copy everything sound of a damaged log into a sound one, and say what was lost.",
+    ),
+}
 
 
 def guard(command: Callable[..., int]) -> Callable[..., None]:
@@ -42,18 +58,14 @@ def guard(command: Callable[..., int]) -> Callable[..., None]:
     @functools.wraps(command)
     def run(*args: object, **kwargs: object) -> None:
         try:
+            check_environment()
             code = command(*args, **kwargs)
             sys.stdout.flush()
         except CltError as error:
             print(f"clt: error: {error}", file=sys.stderr)
             code = error.code
-        except BrokenPipeError:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            code = FAILED
         except OSError as error:
-            place = f"{error.filename}: " if error.filename is not None else ""
-            print(f"clt: error: {place}{error.strerror or error}", file=sys.stderr)
-            code = FAILED
+            code = tell(error)
         except KeyboardInterrupt:
             print("clt: interrupted", file=sys.stderr)
             code = INTERRUPTED
@@ -62,11 +74,34 @@ def guard(command: Callable[..., int]) -> Callable[..., None]:
     return run
 
 
+def tell(error: OSError) -> int:
+    """Say what could not be read or written; a reader of our output that left needs no word."""
+    if not isinstance(error, BrokenPipeError):
+        place = f"{error.filename}: " if error.filename is not None else ""
+        print(f"clt: error: {place}{error.strerror or error}", file=sys.stderr)
+    try:
+        sys.stdout.flush()
+    except OSError:
+        from clt.log.output import silence_stdout
+
+        silence_stdout()
+    return FAILED
+
+
 def show_version(wanted: bool) -> None:
     """`clt --version`."""
     if wanted:
         typer.echo(f"clt {__version__}")
         raise typer.Exit
+
+
+app = typer.Typer(
+    name="clt",
+    cls=lazy_group(COMMANDS, guard),
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 
 
 @app.callback()
@@ -78,16 +113,6 @@ def root(
     """Where is every robot of a team, from ranges and wheel odometry alone."""
 
 
-app.command("demo")(guard(demo))
-app.command("import")(guard(import_log))
-app.command("localize")(guard(localize))
-app.command("simulate")(guard(simulate))
-app.command("evaluate")(guard(evaluate))
-app.command("plot")(guard(plot))
-app.command("info")(guard(info))
-app.command("recover")(guard(recover))
-
-
 def terminate(_signal: int, _frame: FrameType | None) -> None:
     """Leave as Ctrl-C does, through every `finally`, so that no temporary file stays behind."""
     raise SystemExit(TERMINATED)
@@ -96,4 +121,8 @@ def terminate(_signal: int, _frame: FrameType | None) -> None:
 def main() -> None:
     """Entry point of the `clt` program."""
     signal.signal(signal.SIGTERM, terminate)
-    app()
+    prepare()
+    try:
+        app()
+    except OSError as error:  # of `clt --help` on a full disk
+        sys.exit(tell(error))

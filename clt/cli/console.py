@@ -32,7 +32,10 @@ class Console:
             print(text, file=sys.stderr)
 
     def warn(self, text: str, partial: bool = False) -> None:
-        """A warning; `partial` when data was unusable or an estimate is missing (exit code 3)."""
+        """A warning; `partial` when data was unusable or an estimate is missing (exit code 3).
+
+        A partial one is said even with -q, for an exit code must not stand unexplained.
+        """
         self.warnings.append(text)
         if partial:
             self.code = PARTIAL

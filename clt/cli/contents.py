@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from typing import TextIO
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -28,9 +28,9 @@ TOLD = ("command", "version", "filter", "frame", "init", "seed")
 """What is said about the run that made a log; the rest is in the JSON."""
 
 
-def show(loaded: LoadedLog, summary: Summary) -> None:
-    """Print what is in a log on standard output."""
-    console = Console(highlight=False, file=sys.stdout)
+def show(loaded: LoadedLog, summary: Summary, file: TextIO) -> None:
+    """Print what is in a log."""
+    console = Console(highlight=False, file=file)
     if not console.is_terminal:
         console.width = 100
     recording = loaded.recording

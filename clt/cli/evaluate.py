@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from clt.cli.options import Json, Quiet, Verbose
+from clt.cli.options import Force, Json, Quiet, Report, Streams, Verbose
 
 if TYPE_CHECKING:
     from clt.cli.console import Console
+    from clt.document import Document
     from clt.metrics.evaluation import EvaluateOptions, Evaluation
     from clt.streams import Recording
 
@@ -27,10 +28,8 @@ Alignment = Annotated[
 Logs = Annotated[
     list[Path], typer.Argument(help="MCAP logs; `-` is standard input.", metavar="LOG...")
 ]
-Streams = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help="Topics of a log that clt did not write (TOML)."),
-]
+LONGEST = 1e9
+"""Of a time or a way in options, s or m: beyond every log, and it still counts in nanoseconds."""
 
 
 def evaluate(
@@ -41,15 +40,17 @@ def evaluate(
         typer.Option(help="Interpolate the estimate at each truth stamp, or pair near stamps."),
     ] = "interpolate",
     max_gap: Annotated[
-        float, typer.Option(metavar="S", min=0.0, help="Never interpolate across a longer gap.")
+        float, typer.Option(metavar="S", help="Never interpolate across a longer gap.")
     ] = 0.5,
     max_diff: Annotated[
-        float, typer.Option(metavar="S", min=0.0, help="Furthest stamps that `nearest` pairs.")
+        float, typer.Option(metavar="S", help="Furthest stamps that `nearest` pairs.")
     ] = 0.01,
     delta: Annotated[
         str, typer.Option(metavar="1s|1m", help="Time or way that the relative error spans.")
     ] = "1s",
+    output: Report = None,
     streams: Streams = None,
+    force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -61,44 +62,50 @@ def evaluate(
     import json
 
     from clt.cli.console import FAILED, Console
-    from clt.cli.scoreboard import show, summary, terminal
+    from clt.cli.inputs import Inputs
+    from clt.cli.scoreboard import board, show, summary
     from clt.errors import CltError, UsageError
     from clt.metrics.errors import parse_delta
     from clt.metrics.evaluation import EvaluateOptions
 
+    for option, value in (("--max-gap", max_gap), ("--max-diff", max_diff)):
+        if not 0.0 <= value <= LONGEST:
+            raise UsageError(f"{option} {value:g}: give seconds, from 0 to {LONGEST:g}")
     options = EvaluateOptions(align, associate, max_gap, max_diff, parse_delta(delta))
     if [str(log) for log in logs].count("-") > 1:
         raise UsageError("standard input can be read only once: give `-` once")
     console = Console(quiet, verbose)
-    out = terminal()
+    inputs = Inputs.of(*logs, streams=streams)
+    inputs.check(output, force)
     found: dict[str, Evaluation] = {}
     objects: list[dict[str, object]] = []
-    failed = False
-    for log in logs:
-        try:
-            _, evaluation = score(log, streams, options, console)
-        except (CltError, OSError) as error:
-            if len(logs) == 1 or isinstance(error, UsageError):
-                raise
-            failed = True
-            text = error.strerror if isinstance(error, OSError) else None
-            text = named(log, text or str(error))
-            objects.append({"log": str(log), "error": text})
-            console.warn(text, partial=True)
-            continue
-        found[str(log)] = evaluation
-        objects.append(evaluation.as_dict(str(log)))
-        if not as_json:
-            show(out, str(log), evaluation)
-    if as_json:
-        print(json.dumps(objects[0] if len(logs) == 1 else objects, allow_nan=False, indent=1))
-    elif len(found) > 1:
-        summary(out, found)
-    return FAILED if failed else console.code
+    with inputs.report(output, force) as file:
+        out = board(file)
+        for log in logs:
+            try:
+                _, evaluation = score(log, inputs["streams"], options, console)
+            except (CltError, OSError) as error:
+                if len(logs) == 1 or isinstance(error, UsageError):
+                    raise
+                text = error.strerror if isinstance(error, OSError) else None
+                text = named(log, text or str(error))
+                objects.append({"log": str(log), "error": text})
+                console.warn(text, partial=True)
+                continue
+            found[str(log)] = evaluation
+            objects.append(evaluation.as_dict(str(log)))
+            if not as_json:
+                show(out, str(log), evaluation)
+        if as_json:
+            document = objects[0] if len(logs) == 1 else objects
+            print(json.dumps(document, allow_nan=False, indent=1), file=file)
+        elif len(found) > 1:
+            summary(out, found)
+    return FAILED if len(found) < len(objects) else console.code
 
 
 def score(
-    log: Path, streams: Path | None, options: EvaluateOptions, console: Console
+    log: Path, streams: Document | None, options: EvaluateOptions, console: Console
 ) -> tuple[Recording, Evaluation]:
     """Read and evaluate one log, and say what is wrong with it. Errors name the log."""
     from clt.errors import CltError

@@ -45,11 +45,11 @@ def import_log(
     """
     from clt.calibration import KEY, apply, read_calibration
     from clt.cli.console import Console
+    from clt.cli.inputs import Inputs
     from clt.cli.run import digests, run_record
     from clt.errors import UsageError
     from clt.importers import FORMATS
-    from clt.log.output import STDOUT, check
-    from clt.log.output import output as open_output
+    from clt.log.output import STDOUT
     from clt.log.save import save
     from clt.settings import nearest
 
@@ -61,16 +61,19 @@ def import_log(
     if as_json and output == STDOUT:
         raise UsageError("--json and -o - both want standard output; name a file")
     files = FORMATS[form].files(paths[0])
-    check(output, force, files)
-    settings = None if calibration is None else read_calibration(calibration)
+    inputs = Inputs.of(*files, calibration=calibration)
+    inputs.check(output, force)
+    document = inputs["calibration"]
+    settings = None if document is None else read_calibration(document)
     recording = FORMATS[form].read(paths[0])
     console.report(recording.faults)
     if settings is not None:
         recording = apply(recording, settings)
-    used = files if calibration is None else (*files, calibration)
-    run = {**run_record(digests(used), format=form), **recording.run}
-    with open_output(output, force, used) as file:
-        save(file, recording, run)
+    used = inputs.digests(digests(files))
+    # No timings: the same input gives the same bytes.
+    run = run_record(used, format=form, warnings=console.warnings)
+    with inputs.output(output, force) as file:
+        save(file, inputs.attach(recording), {**run, **recording.run})
     tell(console, recording, output, as_json, form, applied=KEY in recording.run)
     return console.code
 

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
-
-import typer
-
-from clt.cli.options import Json, Log, Quiet
+from clt.cli.options import Force, Json, Log, Quiet, Report, Streams, Verbose
 
 
 def info(
     log: Log,
-    streams: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Topics of a log that clt did not write (TOML)."),
-    ] = None,
+    output: Report = None,
+    streams: Streams = None,
+    force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> int:
     """Tell robots, pairs, rates, gaps, truth and faults of a log.
 
@@ -27,15 +22,20 @@ def info(
 
     from clt.cli.console import Console
     from clt.cli.contents import show
+    from clt.cli.inputs import Inputs
     from clt.log.load import load
     from clt.log.summary import as_dict, summarize
 
-    console = Console(quiet)
-    loaded = load(log, streams)
+    console = Console(quiet, verbose)
+    inputs = Inputs.of(log, streams=streams)
+    inputs.check(output, force)
+    loaded = load(log, inputs["streams"])
+    console.detail(f"SHA-256 {loaded.sha256}")
     summary = summarize(loaded.recording)
-    if as_json:
-        print(json.dumps(as_dict(loaded, summary), allow_nan=False, indent=1))
-    else:
-        show(loaded, summary)
+    with inputs.report(output, force) as file:
+        if as_json:
+            print(json.dumps(as_dict(loaded, summary), allow_nan=False, indent=1), file=file)
+        else:
+            show(loaded, summary, file)
     console.report(loaded.recording.faults)
     return console.code

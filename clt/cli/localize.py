@@ -11,6 +11,7 @@ from clt.cli.options import Force, Json, Log, Output, Quiet, Set, Verbose
 
 if TYPE_CHECKING:
     from clt.cli.console import Console
+    from clt.document import Document
     from clt.filters.settings import FilterSettings
     from clt.init.start import Start
     from clt.pipeline import Result
@@ -61,11 +62,11 @@ def localize(
 
     from clt.calibration import apply, read_calibration
     from clt.cli.console import Console
+    from clt.cli.inputs import Inputs
     from clt.cli.localize_report import describe, tell
     from clt.errors import UsageError
     from clt.log.load import load
-    from clt.log.output import STDOUT, check
-    from clt.log.output import output as open_output
+    from clt.log.output import STDOUT
     from clt.log.save import save
 
     console = Console(quiet, verbose)
@@ -73,18 +74,20 @@ def localize(
     choose("--frame", frame, FRAMES)
     if as_json and output == STDOUT:
         raise UsageError("--json and -o - both want standard output; name a file")
-    check(output, force, [log])
-    settings = read_settings(config, sets)
+    poses = poses_file(init)
+    inputs = Inputs.of(log, config=config, calibration=calibration, streams=streams, poses=poses)
+    inputs.check(output, force)
+    settings = read_settings(inputs["config"], sets)
 
     clock = [perf_counter()]
-    loaded = load(log, streams, WANTED)
+    loaded = load(log, inputs["streams"], WANTED)
     console.report(loaded.recording.faults)
     recording = loaded.recording
-    if calibration is not None:
-        recording = apply(recording, read_calibration(calibration))
+    if (document := inputs["calibration"]) is not None:
+        recording = apply(recording, read_calibration(document))
     require_data(recording, str(log))
     clock.append(perf_counter())
-    start = initialize(recording, init, settings, console)
+    start = initialize(recording, inputs["poses"] or init, settings, console)
     clock.append(perf_counter())
     result = run_filter(recording, start, settings, console)
     clock.append(perf_counter())
@@ -96,9 +99,10 @@ def localize(
         )
     }
     choices = {"filter": filter_, "frame": frame, "init": init}
-    run = describe({str(log): loaded.sha256}, choices, settings, result, timings, console)
-    with open_output(output, force, [log]) as file:
-        save(file, result.recording, run, scene=scene)
+    digests = inputs.digests({str(log): loaded.sha256})
+    run = describe(digests, choices, settings, result, timings, console)
+    with inputs.output(output, force) as file:
+        save(file, inputs.attach(result.recording), run, scene=scene)
     tell(console, result, output, choices, timings, as_json)
     return console.code
 
@@ -112,15 +116,26 @@ def choose(option: str, value: str, known: tuple[str, ...]) -> None:
         raise UsageError(f"{option} {value}: unknown{nearest(value, known)}")
 
 
-def read_settings(config: Path | None, sets: list[str]) -> FilterSettings:
+def poses_file(init: str) -> Path | None:
+    """The file that `--init` names. Raises UsageError where it is neither that nor a method."""
+    from clt.errors import UsageError
+    from clt.settings import nearest
+
+    if init in INITIALIZERS:
+        return None
+    if not Path(init).exists():
+        raise UsageError(f"--init {init}: no such method or file{nearest(init, INITIALIZERS)}")
+    return Path(init)
+
+
+def read_settings(config: Path | Document | None, sets: list[str]) -> FilterSettings:
     """Settings by precedence: defaults < file < environment < --set."""
     from clt.filters.settings import FilterSettings
-    from clt.settings import assign, assignments, from_environment, known_keys, parse, read_toml
-    from clt.sim.scenario import Scenario
+    from clt.settings import assign, assignments, from_environment, parse, read_toml
 
     tree = {} if config is None else read_toml(config)
     tree = parse(FilterSettings, tree, str(config)).model_dump(exclude_unset=True)
-    for key, value in from_environment(FilterSettings, known_keys(Scenario)).items():
+    for key, value in from_environment(FilterSettings).items():
         assign(tree, key, value)
     tree = parse(FilterSettings, tree, "environment").model_dump(exclude_unset=True)
     for key, value in assignments(sets).items():
@@ -143,26 +158,23 @@ def require_data(recording: Recording, log: str) -> None:
 
 
 def initialize(
-    recording: Recording, init: str, settings: FilterSettings, console: Console
+    recording: Recording, init: str | Document, settings: FilterSettings, console: Console
 ) -> Start:
     """Initial poses by the name of a method or from a TOML file."""
-    from clt.errors import CltError, UsageError
+    from clt.errors import CltError
     from clt.init.poses import from_poses
     from clt.init.truth import from_truth
-    from clt.settings import nearest, read_toml
+    from clt.settings import read_toml
 
+    if not isinstance(init, str):
+        return from_poses(recording, read_toml(init), str(init), settings.initial.sigma)
     if init == "auto" and len(recording.truth) == 0:
         raise CltError(
             "the log has no ground truth to start from; give the initial poses with --init FILE"
         )
-    if init in INITIALIZERS:
-        if init == "auto":
-            console.say("initial poses: from the ground truth (--init truth)")
-        return from_truth(recording, settings.initial.sigma)
-    path = Path(init)
-    if not path.exists():
-        raise UsageError(f"--init {init}: no such method or file{nearest(init, INITIALIZERS)}")
-    return from_poses(recording, read_toml(path), init, settings.initial.sigma)
+    if init == "auto":
+        console.say("initial poses: from the ground truth (--init truth)")
+    return from_truth(recording, settings.initial.sigma)
 
 
 def run_filter(

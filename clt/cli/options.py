@@ -11,9 +11,20 @@ Log = Annotated[Path, typer.Argument(help="An MCAP log; `-` is standard input.",
 Output = Annotated[
     Path, typer.Option("-o", "--output", help="Where the result goes; `-` is standard output.")
 ]
+Report = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", help="Where the report goes instead of standard output."),
+]
+Streams = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Topics of a log that clt did not write (TOML)."),
+]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite a file that exists.")]
 Json = Annotated[bool, typer.Option("--json", help="Machine output on stdout, nothing else there.")]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Errors only on stderr.")]
+Quiet = Annotated[
+    bool,
+    typer.Option("-q", "--quiet", help="Only errors on stderr, and what leads to exit code 3."),
+]
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say more on stderr.")]
 Set = Annotated[
     list[str], typer.Option("--set", metavar="KEY=VALUE", help="Set one key; may be repeated.")

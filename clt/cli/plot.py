@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from clt.cli.evaluate import Alignment, Streams
-from clt.cli.options import Force, Json, Log, Output, Quiet, Verbose
+from clt.cli.evaluate import Alignment
+from clt.cli.options import Force, Json, Log, Output, Quiet, Streams, Verbose
 
 FORMS = (".png", ".svg", ".pdf", ".html")
 
@@ -28,9 +28,9 @@ def plot(
 
     from clt.cli.console import Console
     from clt.cli.evaluate import score
+    from clt.cli.inputs import Inputs
     from clt.errors import UsageError
-    from clt.log.output import STDOUT, check
-    from clt.log.output import output as open_output
+    from clt.log.output import STDOUT
     from clt.metrics.evaluation import EvaluateOptions
 
     form = ".png" if output == STDOUT else output.suffix.lower()
@@ -39,9 +39,10 @@ def plot(
     if as_json and output == STDOUT:
         raise UsageError("--json and -o - both want standard output; name a file")
     console = Console(quiet, verbose)
-    check(output, force, [log])
-    recording, evaluation = score(log, streams, EvaluateOptions(align), console)
-    with open_output(output, force, [log]) as file:
+    inputs = Inputs.of(log, streams=streams)
+    inputs.check(output, force)
+    recording, evaluation = score(log, inputs["streams"], EvaluateOptions(align), console)
+    with inputs.output(output, force) as file:
         if form == ".html":
             from clt.plots.page import page
 

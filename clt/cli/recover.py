@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from clt.cli.options import Force, Json, Log, Output, Quiet
+from clt.cli.options import Force, Json, Log, Output, Quiet, Verbose
 
 
 def recover(
-    log: Log, output: Output, force: Force = False, as_json: Json = False, quiet: Quiet = False
+    log: Log,
+    output: Output,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> int:
     """Copy everything sound of a damaged log into a sound one, and say what was lost.
 
@@ -22,7 +27,7 @@ def recover(
 
     if as_json and output == STDOUT:
         raise UsageError("--json and -o - both want standard output; name a file")
-    console = Console(quiet)
+    console = Console(quiet, verbose)
     with opened(output, force, inputs=[log]) as file:
         saved = copy(log, file)
     console.report(saved.faults)
@@ -30,6 +35,8 @@ def recover(
     console.say(
         f"{output}: saved {kept}; " + ("some data is lost" if console.code else "nothing lost")
     )
+    for fault in saved.faults:
+        console.detail(f"  {fault.kind}: {fault.count}")
     if as_json:
         faults = [dict(vars(fault)) for fault in saved.faults]
         counts = {"messages": saved.messages, "channels": saved.channels}

@@ -6,7 +6,9 @@ import hashlib
 import json
 import shlex
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 
 from clt import __version__
@@ -15,6 +17,19 @@ OUTPUT = ("-o", "--output")
 MANNERS = ("--force", "-q", "--quiet", "-v", "--verbose", "--json")
 """Flags that change what is said, not what is written."""
 
+WORDS: ContextVar[Sequence[str] | None] = ContextVar("words", default=None)
+"""What stands for this program's own arguments, if anything does."""
+
+
+@contextmanager
+def as_command(words: Sequence[str]) -> Iterator[None]:
+    """Let the records written inside hold `clt WORDS...`: the command that does the same alone."""
+    token = WORDS.set(words)
+    try:
+        yield
+    finally:
+        WORDS.reset(token)
+
 
 def run_record(inputs: Mapping[str, str], **documents: object) -> dict[str, str]:
     """Command line, version, `inputs` (name -> SHA-256) and further documents, all as strings.
@@ -22,7 +37,7 @@ def run_record(inputs: Mapping[str, str], **documents: object) -> dict[str, str]
     A document that is not a string already is written as JSON; NaN and infinity are refused.
     """
     record = {
-        "command": shlex.join(["clt", *essence(sys.argv[1:])]),
+        "command": shlex.join(["clt", *essence(WORDS.get() or sys.argv[1:])]),
         "version": __version__,
         "inputs": json.dumps(dict(inputs)),
     }

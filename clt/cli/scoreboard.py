@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Mapping
 from math import degrees
+from typing import TextIO
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -21,9 +21,9 @@ SHOWN = 10
 """Pairs in the table; the rest is in the JSON."""
 
 
-def terminal() -> Console:
-    """Standard output: colours only on a terminal, 80 columns where there is none."""
-    console = Console(highlight=False, file=sys.stdout)
+def board(file: TextIO) -> Console:
+    """Where tables go: colours only on a terminal, 80 columns where there is none."""
+    console = Console(highlight=False, file=file)
     if not console.is_terminal:
         console.width = NARROWEST
     return console

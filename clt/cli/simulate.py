@@ -12,6 +12,7 @@ from clt.cli.options import Force, Json, Quiet, Set, Verbose
 
 if TYPE_CHECKING:
     from clt.cli.console import Console
+    from clt.cli.inputs import Inputs
     from clt.sim.scenario import Scenario
     from clt.streams import Recording
 
@@ -45,11 +46,11 @@ def simulate(
 
     if list_:
         return list_built_in(as_json)
-    scenario, command = read_scenario(source, sets, seed, duration)
+    scenario, command, inputs = read_scenario(source, sets, seed, duration)
     if show:
         show_scenario(scenario, as_json)
         return DONE
-    write(scenario, command, output, force, as_json, Console(quiet, verbose))
+    write(scenario, command, inputs, output, force, as_json, Console(quiet, verbose))
     return DONE
 
 
@@ -72,12 +73,12 @@ def list_built_in(as_json: bool) -> int:
 
 def read_scenario(
     source: str | None, sets: list[str], seed: int | None, duration: float | None
-) -> tuple[Scenario, str]:
-    """The scenario with all its settings, and the command line that stands for them."""
+) -> tuple[Scenario, str, Inputs]:
+    """The scenario with all its settings, the command line that stands for them, its file."""
+    from clt.cli.inputs import Inputs
     from clt.errors import UsageError
-    from clt.filters.settings import FilterSettings
-    from clt.settings import assignments, from_environment, known_keys
-    from clt.sim.scenario import Scenario, load_scenario
+    from clt.settings import assignments, from_environment
+    from clt.sim.scenario import Scenario, built_in, load_scenario, locate
 
     if source is None:
         raise UsageError("no SCENARIO given; clt simulate --list shows the built-in ones")
@@ -88,8 +89,10 @@ def read_scenario(
             overrides[name] = value
             words += [f"--{name}", str(value)]
     words += [word for option in sets for word in ("--set", option)]
-    environment = from_environment(Scenario, known_keys(FilterSettings))
-    return load_scenario(source, overrides, environment), shlex.join(words)
+    inputs = Inputs.of(scenario=None if source in built_in() else locate(source))
+    environment = from_environment(Scenario)
+    scenario = load_scenario(inputs["scenario"] or source, overrides, environment)
+    return scenario, shlex.join(words), inputs
 
 
 def show_scenario(scenario: Scenario, as_json: bool) -> None:
@@ -102,15 +105,16 @@ def show_scenario(scenario: Scenario, as_json: bool) -> None:
 def write(
     scenario: Scenario,
     command: str,
+    inputs: Inputs,
     path: Path | None,
     force: bool,
     as_json: bool,
     console: Console,
 ) -> None:
-    """Simulate into a log. Its bytes depend on the scenario and `command` alone."""
+    """Simulate into a log. Its bytes depend on the scenario and `command` alone: no timings."""
     from clt.cli.run import run_record
     from clt.errors import UsageError
-    from clt.log.output import STDOUT, check, output
+    from clt.log.output import STDOUT
     from clt.log.save import save
     from clt.sim.simulate import simulate as run
 
@@ -118,10 +122,15 @@ def write(
         raise UsageError("no output given; name a log with -o LOG, or `-` for standard output")
     if as_json and path == STDOUT:
         raise UsageError("--json and -o - both want standard output; name a file")
-    check(path, force)
+    inputs.check(path, force)
     recording = run(scenario)
-    record = run_record({}, seed=scenario.seed, config=scenario.model_dump(mode="json"))
-    with output(path, force) as file:
+    record = run_record(
+        inputs.digests({}),
+        seed=scenario.seed,
+        config=scenario.model_dump(mode="json"),
+        warnings=console.warnings,
+    )
+    with inputs.output(path, force) as file:
         save(file, recording, record | {"command": command})
     tell(console, scenario, recording, path, as_json)
 

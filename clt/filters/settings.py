@@ -8,8 +8,10 @@ from pydantic import Field
 
 from clt.settings import Settings
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
+MOST = 1e6
+"""Far beyond every sensor and every log; squares of it still leave digits to the rest."""
+Positive = Annotated[float, Field(gt=0, le=MOST)]
+NotNegative = Annotated[float, Field(ge=0, le=MOST)]
 
 
 class Noise(Settings):

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from clt.document import Document
 from clt.errors import LogError
 from clt.log import convert, crew, packets, ranging
-from clt.log.metadata import RUN
+from clt.log.metadata import decode_run
 from clt.log.reader import Log, Topic, read
 from clt.log.roles import ALL, Roles, by_file, by_name, role_of
 from clt.streams import Recording, no_ranges
@@ -36,7 +37,9 @@ class LoadedLog:
     """Every topic of the log, whether it was read or not."""
 
 
-def load(path: Path, streams: Path | None = None, want: frozenset[str] = ALL) -> LoadedLog:
+def load(
+    path: Path, streams: Path | Document | None = None, want: frozenset[str] = ALL
+) -> LoadedLog:
     """Read what is wanted of a log; `-` is standard input.
 
     `streams` maps the topics of other people's logs. `want` holds names of `clt.log.roles.Role`;
@@ -55,10 +58,10 @@ def load(path: Path, streams: Path | None = None, want: frozenset[str] = ALL) ->
     )
 
 
-def _streams_file(path: Path) -> StreamsFile:
+def _streams_file(source: Path | Document) -> StreamsFile:
     from clt.log.streamsfile import read_streams  # noqa: PLC0415 - pydantic is slow to import
 
-    return read_streams(path)
+    return read_streams(source)
 
 
 def _wanted(topic: str, mapped: StreamsFile | None, want: frozenset[str]) -> bool:
@@ -98,7 +101,7 @@ def _recording(log: Log, roles: Roles, mapped: StreamsFile | None) -> Recording:
         estimate=estimate,
         dead_reckoning=reckoned,
         innovations=found,
-        run=next((dict(m.record) for m in log.metadata if m.name == RUN), {}),
+        run=decode_run((one.name, one.record) for one in log.metadata),
         attachments=log.attachments,
         faults=log.faults.all(),
     )

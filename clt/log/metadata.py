@@ -6,7 +6,7 @@ import json
 import math
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Literal, cast
 
 from clt.errors import LogError
@@ -14,6 +14,8 @@ from clt.streams import Robot, Team
 
 TEAM = "clt.team"
 RUN = "clt.run"
+CALIBRATION = "calibration"
+"""Which calibration the columns contain, as JSON: a key of `clt.team`, and of `Recording.run`."""
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
@@ -29,7 +31,7 @@ def encode_team(team: Team, calibration: Mapping[str, object] | None = None) -> 
     if team.range_correlation > 0.0:
         record["range_correlation"] = team.range_correlation
     if calibration is not None:
-        record["calibration"] = calibration
+        record[CALIBRATION] = calibration
     return {
         key: json.dumps(value, allow_nan=False, ensure_ascii=False) for key, value in record.items()
     }
@@ -52,6 +54,34 @@ def decode_team(record: Mapping[str, str]) -> Team:
         if len(set(values)) < len(values):
             raise LogError(f"{TEAM}: two robots share one {what}")
     return team
+
+
+def decode_run(records: Iterable[tuple[str, Mapping[str, str]]]) -> dict[str, str]:
+    """The run of a log's metadata (name, record), and the calibration that its team tells."""
+    run: dict[str, str] = {}
+    team: Mapping[str, str] = {}
+    for name, record in reversed(list(records)):
+        run = dict(record) if name == RUN else run
+        team = record if name == TEAM else team
+    return run | ({CALIBRATION: team[CALIBRATION]} if CALIBRATION in team else {})
+
+
+def calibration_of(run: Mapping[str, str]) -> dict[str, object] | None:
+    """What a recording's `run` says on calibration. Raises LogError where it is no JSON table."""
+    if CALIBRATION not in run:
+        return None
+    try:
+        table = json.loads(run[CALIBRATION], parse_constant=_refuse)
+    except (ValueError, RecursionError):
+        table = None
+    if not isinstance(table, dict):
+        raise LogError(f"the log's metadata: `{CALIBRATION}` is not a table as JSON")
+    return table
+
+
+def _refuse(constant: str) -> None:
+    """NaN and infinities are no JSON."""
+    raise ValueError(constant)
 
 
 def _known(value: float) -> float | None:

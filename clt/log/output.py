@@ -30,7 +30,7 @@ def output(path: Path, force: bool = False, inputs: Sequence[Path] = ()) -> Iter
                 yield sys.stdout.buffer
                 sys.stdout.buffer.flush()
             except OSError:
-                _silence_stdout()
+                silence_stdout()
                 raise
     elif _special(path):
         with _written(path), path.open("wb") as file:
@@ -87,7 +87,7 @@ def _refuse_terminal() -> None:
         raise UsageError("standard output is a terminal; give a file or a pipe: -o LOG")
 
 
-def _silence_stdout() -> None:
+def silence_stdout() -> None:
     """Let what Python still holds for a broken standard output vanish when it exits."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

@@ -14,7 +14,7 @@ from clt.log.channels import (
     range_channel,
     truth_channel,
 )
-from clt.log.metadata import RUN, TEAM, encode_team
+from clt.log.metadata import RUN, TEAM, calibration_of, encode_team
 from clt.log.packets import frame_channel
 from clt.log.plan import Channel
 from clt.log.scene import scene_channels
@@ -28,18 +28,17 @@ def save(
     run: Mapping[str, str],
     *,
     scene: bool = False,
-    calibration: Mapping[str, object] | None = None,
 ) -> None:
     """Write all streams, `clt.team`, `clt.run` and the attachments; `file` need not be seekable.
 
-    `run` is the `clt.run` record of this log (that of `recording` is the input's); `calibration`
-    goes into `clt.team`; `scene` adds `/tf` and `/clt/scene` for 3D viewers. Raises LogError for
-    values that are not finite or times that MCAP and ROS 2 cannot hold.
+    `run` is the `clt.run` record of this log; that of `recording` is the input's, of which the
+    calibration goes into `clt.team`. `scene` adds `/tf` and `/clt/scene` for 3D viewers. Raises
+    LogError for values that are not finite or times that MCAP and ROS 2 cannot hold.
     """
     channels = list(_channels(recording))
     if scene:
         channels += scene_channels(recording)
-    metadata = {TEAM: encode_team(recording.team, calibration), RUN: dict(run)}
+    metadata = {TEAM: encode_team(recording.team, calibration_of(recording.run)), RUN: dict(run)}
     write_log(file, channels, metadata, recording.attachments)
 
 

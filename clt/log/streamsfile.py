@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from clt.document import Document
 from clt.errors import UsageError
 from clt.log.metadata import NAME
 from clt.settings import Settings, nearest, parse, read_toml
@@ -111,6 +112,6 @@ class StreamsFile(Settings):
                 raise UsageError(f"{place} has no topic `{topic}`{nearest(topic, topics)}")
 
 
-def read_streams(path: Path) -> StreamsFile:
+def read_streams(source: Path | Document) -> StreamsFile:
     """A streams file. Raises UsageError naming the file and the key."""
-    return parse(StreamsFile, read_toml(path), str(path))
+    return parse(StreamsFile, read_toml(source), str(source))

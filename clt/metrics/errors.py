@@ -13,6 +13,8 @@ from clt.geometry import relative_pose, wrap
 from clt.metrics.associate import SECOND, Matched
 from clt.streams import Floats, Indices
 
+LONGEST = 1e9
+"""Of a delta, s or m."""
 TOLERANCE = 0.1
 """Share of delta by which the ends of an RPE pair may miss it."""
 
@@ -64,7 +66,7 @@ def parse_delta(text: str) -> Delta:
         value = float(number)
     except ValueError:
         value = math.nan
-    if not (math.isfinite(value) and value > 0.0):
+    if not 0.0 < value <= LONGEST:
         raise UsageError(f"--delta {text}: expected seconds or metres, e.g. 1s or 5m")
     if unit == "s":
         return Delta(value, "s")

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Self
 import tomli_w
 from pydantic import Field, model_validator
 
+from clt.document import Document
 from clt.errors import UsageError
 from clt.settings import Settings, assign, nearest, parse, read_toml
 from clt.sim.settings import (
@@ -58,17 +59,17 @@ def built_in() -> list[str]:
 
 
 def load_scenario(
-    source: str,
+    source: str | Document,
     overrides: Mapping[str, Any] | None = None,
     environment: Mapping[str, Any] | None = None,
 ) -> Scenario:
-    """A built-in scenario by name, or a TOML file by path.
+    """A built-in scenario by name, or a TOML file by path or already read.
 
     `environment` and, stronger, `overrides` are values by dotted key. Raises UsageError: no such
     scenario (the nearest is named), bad TOML, unknown or bad keys.
     """
-    tree = read_toml(_locate(source))
-    scenario = parse(Scenario, tree, source)
+    tree = read_toml(source if isinstance(source, Document) else locate(source))
+    scenario = parse(Scenario, tree, str(source))
     for origin, layer in (("environment", environment), ("options", overrides)):
         if layer is not None and len(layer) > 0:
             for key, value in layer.items():
@@ -82,13 +83,13 @@ def effective_toml(scenario: Scenario) -> str:
     return tomli_w.dumps(scenario.model_dump(mode="json", exclude_none=True))
 
 
-def _locate(source: str) -> Path:
-    """The file of a scenario."""
+def locate(source: str) -> Path:
+    """The file of a scenario, by name or path. Raises UsageError, the nearest name in it."""
     names = built_in()
     if source in names:
         return Path(str(BUILT_IN / f"{source}.toml"))
     path = Path(source)
-    if path.is_file():
+    if path.exists():
         return path
     if path.suffix == ".toml" or len(path.parts) > 1:
         raise UsageError(f"{source}: no such scenario file")

@@ -221,7 +221,8 @@ def test_innovations(recording, topics):
 
 
 def test_metadata_and_attachments(recording):
-    reader = make_reader(io.BytesIO(saved(recording, calibration={"range": {"gain": 0.9}})))
+    calibrated = replace(recording, run={"calibration": '{"range":{"gain":0.9}}'})
+    reader = make_reader(io.BytesIO(saved(calibrated)))
     metadata = {record.name: record.metadata for record in reader.iter_metadata()}
     assert metadata["clt.run"] == {"seed": "1"}
     assert repr(decode_team(metadata["clt.team"])) == repr(recording.team)

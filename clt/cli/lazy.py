@@ -1,0 +1,54 @@
+"""Commands that are imported when they run: `clt --help` knows only their names and one line each.
+
+The work of `clt --help` does not grow with the options of the commands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+
+class Row(NamedTuple):
+    """One command."""
+
+    place: str
+    """`module:function`."""
+    about: str
+    """What `clt --help` says: the first line of the function's docstring."""
+
+
+def function(row: Row) -> Callable[..., int]:
+    """Import the function of a command."""
+    module, _, name = row.place.partition(":")
+    found: Callable[..., int] = getattr(import_module(module), name)
+    return found
+
+
+def lazy_group(
+    rows: Mapping[str, Row], wrap: Callable[[Callable[..., int]], Callable[..., None]]
+) -> type[TyperGroup]:
+    """A group of typer whose commands are `rows`, each function wrapped by `wrap`."""
+
+    class Lazy(TyperGroup):
+        """Placeholders in lists; the real command once it is called."""
+
+        def __init__(self, **attributes: Any) -> None:
+            super().__init__(**attributes)
+            self.commands = {name: TyperCommand(name, help=row.about) for name, row in rows.items()}
+
+        def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+            name, command, rest = super().resolve_command(ctx, args)
+            return name, None if command is None else self.load(command.name), rest
+
+        def load(self, name: str | None) -> Any:
+            """The command with all its options."""
+            one = typer.Typer(add_completion=False)
+            one.command(name)(wrap(function(rows[str(name)])))
+            return typer.main.get_command(one)
+
+    return Lazy
