@@ -40,6 +40,10 @@ COMMANDS = {
         "clt.cli.evaluate:evaluate",
         "Score estimates against the truth, dead reckoning beside them.",
     ),
+    "observability": Row(
+        "clt.cli.observability:observability",
+        "Tell what cannot be observed, in which direction, and what would change that.",
+    ),
     "plot": Row(
         "clt.cli.plot:plot",
         "Draw trajectories, errors with their 3-sigma bounds, and range innovations.",

@@ -68,6 +68,7 @@ def localize(
     from clt.log.load import load
     from clt.log.output import STDOUT
     from clt.log.save import save
+    from clt.observability.advice import advise
 
     console = Console(quiet, verbose)
     choose("--filter", filter_, FILTERS)
@@ -88,6 +89,8 @@ def localize(
     require_data(recording, str(log))
     clock.append(perf_counter())
     start = initialize(recording, inputs["poses"] or init, settings, console)
+    for line in advise(recording, start.poses, frame):
+        console.warn(line)
     clock.append(perf_counter())
     result = run_filter(recording, start, settings, console)
     clock.append(perf_counter())

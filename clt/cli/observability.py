@@ -1,0 +1,259 @@
+"""`clt observability`: what ranges and odometry can tell, before and along a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from clt.cli.options import Force, Json, Quiet, Set, Verbose
+
+if TYPE_CHECKING:
+    from clt.cli.console import Console
+    from clt.filters.settings import FilterSettings
+    from clt.observability.setup import Setup
+    from clt.observability.windows import Windows
+    from clt.streams import Recording
+
+FORMS = (".png", ".svg", ".pdf")
+MOST = 1000
+WANTED = frozenset({"odometry", "ranges", "truth", "estimate", "dead_reckoning", "innovations"})
+
+
+def observability(
+    log: Annotated[
+        Path | None,
+        typer.Argument(help="An MCAP log, or none; `-` is standard input.", metavar="[LOG]"),
+    ] = None,
+    moving: Annotated[
+        int | None, typer.Option(metavar="N", min=0, max=MOST, help="Moving robots R1 .. RN.")
+    ] = None,
+    static: Annotated[
+        int | None, typer.Option(metavar="M", min=0, max=MOST, help="Static robots S1 .. SM.")
+    ] = None,
+    known: Annotated[
+        int | None,
+        typer.Option(metavar="K", min=0, max=MOST, help="So many of them of known position (0)."),
+    ] = None,
+    frame: Annotated[
+        str, typer.Option(help="world; ego or ego:NAME: poses in the body frame of one robot.")
+    ] = "world",
+    at_rest: Annotated[
+        str, typer.Option(metavar="R3,R4|all", help="Moving robots that stand still.")
+    ] = "",
+    straight: Annotated[
+        str, typer.Option(metavar="R3,R4|all", help="Robots that drive and do not turn.")
+    ] = "",
+    parallel: Annotated[
+        str, typer.Option(metavar="R3,R4|all", help="Robots straight abreast at one speed.")
+    ] = "",
+    in_line: Annotated[
+        str,
+        typer.Option(
+            metavar="R3,S1|all", help="Robots on one line, those that move driving along it."
+        ),
+    ] = "",
+    window: Annotated[
+        float, typer.Option(metavar="S", help="Length of the windows along a log.")
+    ] = 10.0,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Picture of the windows: .png .svg .pdf")
+    ] = None,
+    streams: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Topics of a log that clt did not write (TOML)."),
+    ] = None,
+    sets: Set = [],  # noqa: B006 - typer copies it
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Tell what cannot be observed, in which direction, and what would change that.
+
+    Of a team, by the rank of its observability matrix; of a log, also window by window.
+
+    Examples:
+      clt observability --moving 3 --static 1 --known 1
+      clt observability --moving 2 --static 0 --frame ego --parallel all
+      clt observability run.mcap --window 20 -o windows.png
+    """
+    import json
+
+    from clt.cli.console import Console
+    from clt.cli.observability_report import show, show_windows
+    from clt.observability.analysis import analyse
+
+    console = Console(quiet, verbose)
+    conditions = {
+        "--at-rest": at_rest,
+        "--straight": straight,
+        "--parallel": parallel,
+        "--in-line": in_line,
+    }
+    told = {"--moving": moving, "--static": static, "--known": known}
+    if log is None:
+        refuse({"-o": output, "--streams": streams, "--set": sets or None}, "need a LOG")
+        analysis = analyse(described(told, frame, conditions))
+        if as_json:
+            print(json.dumps(analysis.as_dict(), allow_nan=False, indent=1))
+        else:
+            show(analysis, verbose=verbose)
+        return console.code
+    refuse(told | {name: text or None for name, text in conditions.items()}, "describe no LOG")
+    recording = read(log, streams, output, console, force=force)
+    from clt.cli.localize import read_settings
+    from clt.log.output import STDOUT
+    from clt.observability.advice import setup_of
+
+    name = ego_of(frame, [robot.name for robot in recording.team.moving])
+    setup = setup_of(recording, frame="world" if name is None else f"ego:{name}")
+    analysis = analyse(setup)
+    found = along(recording, read_settings(None, sets), window, name, setup, console)
+    if output is not None:
+        picture(output, found, [log], console, force=force, title=str(log))
+    if as_json and output != STDOUT:
+        print(json.dumps(document(log, analysis.as_dict(), found), allow_nan=False, indent=1))
+    elif output != STDOUT:
+        show(analysis, verbose=verbose)
+        show_windows(found)
+    return console.code
+
+
+def refuse(options: dict[str, object], why: str) -> None:
+    """Raise UsageError for options that were given where they mean nothing."""
+    from clt.errors import UsageError
+
+    given = [name for name, value in options.items() if value is not None]
+    if len(given) > 0:
+        raise UsageError(f"{', '.join(given)}: {why}")
+
+
+def described(told: dict[str, int | None], frame: str, conditions: dict[str, str]) -> Setup:
+    """The setup that the options describe. Raises UsageError naming what is wrong."""
+    from dataclasses import replace
+
+    from clt.errors import UsageError
+    from clt.observability.codistribution import Motion
+    from clt.observability.setup import Setup, every_pair, team
+
+    if told["--moving"] is None and told["--static"] is None:
+        raise UsageError("give a LOG, or a team: --moving N --static M [--known K]")
+    moving, static, known = (told[name] or 0 for name in ("--moving", "--static", "--known"))
+    if known > static:
+        raise UsageError(f"--known {known}: larger than --static {static}")
+    nodes = team(moving, static, known)
+    everyone = [node.name for node in nodes]
+    movers = everyone[:moving]
+    name = ego_of(frame, movers)
+    if name is not None and known > 0:
+        raise UsageError("--known: positions in the world mean nothing in the frame of a robot")
+    chosen = {
+        option: named(option, text, everyone if option == "--in-line" else movers)
+        for option, text in conditions.items()
+    }
+    motions = dict.fromkeys(chosen["--straight"], Motion.STRAIGHT)
+    motions |= dict.fromkeys(chosen["--at-rest"], Motion.REST)
+    nodes = tuple(replace(node, motion=motions.get(node.name, Motion.FREE)) for node in nodes)
+    place = {node.name: k for k, node in enumerate(nodes)}
+    return Setup(
+        nodes,
+        every_pair(len(nodes)),
+        frozenset(place[one] for one in chosen["--parallel"]),
+        frozenset(place[one] for one in chosen["--in-line"]),
+        None if name is None else place[name],
+    )
+
+
+def named(option: str, text: str, known: list[str]) -> list[str]:
+    """The robots of a list of names, or all. Raises UsageError for a stranger."""
+    from clt.errors import UsageError
+    from clt.settings import nearest
+
+    if text == "all":
+        return known
+    names = [name.strip() for name in text.split(",") if name.strip() != ""]
+    for name in names:
+        if name not in known:
+            raise UsageError(f"{option} {name}: no such robot{nearest(name, known)}")
+    return names
+
+
+def ego_of(frame: str, moving: list[str]) -> str | None:
+    """The robot in whose frame poses are wanted; None for the world."""
+    from clt.errors import UsageError
+    from clt.settings import nearest
+
+    kind, colon, name = frame.partition(":")
+    if frame == "world":
+        return None
+    if kind != "ego" or (colon != "" and name == ""):
+        raise UsageError(f"--frame {frame}: use world, ego or ego:NAME")
+    if len(moving) == 0:
+        raise UsageError(f"--frame {frame}: no robot moves")
+    if name not in {"", *moving}:
+        raise UsageError(f"--frame {frame}: no such moving robot{nearest(name, moving)}")
+    return name or moving[0]
+
+
+def read(
+    log: Path, streams: Path | None, output: Path | None, console: Console, *, force: bool
+) -> Recording:
+    """Read a log once it is clear that its picture can be written."""
+    from clt.errors import UsageError
+    from clt.log.load import load
+    from clt.log.output import STDOUT, check
+
+    if output is not None:
+        if output != STDOUT and output.suffix.lower() not in FORMS:
+            raise UsageError(f"{output}: unknown kind of picture; use {', '.join(FORMS)}")
+        check(output, force, [log])
+    recording = load(log, streams, WANTED).recording
+    console.report(recording.faults)
+    return recording
+
+
+def along(
+    recording: Recording,
+    settings: FilterSettings,
+    window: float,
+    ego: str | None,
+    setup: Setup,
+    console: Console,
+) -> Windows:
+    """Analyse a recording's windows and say what was assumed."""
+    from clt.observability.gramian import needs_compiling
+    from clt.observability.reference import reference_of
+    from clt.observability.windows import STEP, look
+
+    if needs_compiling():
+        console.say("compiling the analysis once for this machine (some seconds) ...")
+    reference = reference_of(recording, settings.noise, STEP)
+    for line in reference.notes:
+        console.warn(line)
+    return look(reference, window, framed=setup.framed, ego=ego)
+
+
+def picture(
+    output: Path, found: Windows, inputs: list[Path], console: Console, *, force: bool, title: str
+) -> None:
+    """Draw the windows."""
+    from clt.log.output import STDOUT
+    from clt.log.output import output as open_output
+    from clt.plots.figure import FORMS as KINDS
+    from clt.plots.observability import draw
+
+    form = KINDS[".png" if output == STDOUT else output.suffix.lower()]
+    with open_output(output, force, inputs) as file:
+        draw(file, form, found, title)
+    if output != STDOUT:
+        console.say(f"{output}: {found.rank.size} windows")
+
+
+def document(log: Path, analysis: dict[str, object], found: Windows) -> dict[str, object]:
+    """What `--json` prints of a log."""
+    from clt.observability.windows import as_list
+
+    head: dict[str, object] = {"log": str(log)}
+    return head | analysis | {"source": found.source, "windows": as_list(found)}

@@ -1,0 +1,99 @@
+"""What is not observable in a recording, and the remedy, in one line each."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from clt.observability.analysis import Analysis, analyse
+from clt.observability.codistribution import Motion
+from clt.observability.reference import measured
+from clt.observability.setup import Node, Setup
+from clt.streams import Floats, Odometry, Recording
+
+SPEED, TURN = 0.02, 0.01
+"""Below these root mean squares a robot neither drives nor turns, m/s and rad/s."""
+DOUBT = 4.0
+"""How many standard errors a motion must rise above the noise."""
+TOLD = 4
+
+
+def advise(
+    recording: Recording, placed: Collection[str] = (), frame: str = "world"
+) -> tuple[str, ...]:
+    """Warnings about what a filter in `frame` (`world`, `ego:A`, `mutual:A,B`) cannot observe.
+
+    `placed` names the robots that have initial poses: static ones among them count as known. Mirror
+    images are no matter here: the initial poses choose the side.
+    """
+    found = analyse(setup_of(recording, placed, frame))
+    if found.observable:
+        return ()
+    remedy = f"; remedy: {offers(found)}" if len(found.remedies) > 0 else ""
+    names = [direction.name for direction in found.unobservable]
+    more = f" and {len(names) - TOLD} more" if len(names) > TOLD else ""
+    return (
+        f"ranges cannot tell {', '.join(names[:TOLD])}{more}: such errors never shrink{remedy}",
+    )
+
+
+def offers(found: Analysis) -> str:
+    """The remedies as a choice."""
+    texts = [remedy.text for remedy in found.remedies[:TOLD]]
+    return ", or ".join(texts)
+
+
+def setup_of(recording: Recording, placed: Collection[str] = (), frame: str = "world") -> Setup:
+    """The setup that a recording holds: who ranged whom, who moved and turned at all.
+
+    Without any static robot of known position the world is what the first two of them span.
+    """
+    kind, _, names = frame.partition(":")
+    chosen = names.split(",") if kind == "mutual" else list(recording.team.names)
+    nodes: list[Node] = []
+    place: dict[int, int] = {}
+    for k, robot in enumerate(recording.team.robots):
+        moves = robot.name in recording.odometry or robot.name in recording.estimate
+        if robot.name not in chosen or not (robot.static or moves):
+            continue
+        known = robot.static and (robot.position is not None or robot.name in placed)
+        place[k] = len(nodes)
+        motion = Motion.FREE if robot.static else motion_of(recording, robot.name)
+        nodes.append(Node(robot.name, robot.static, known and kind == "world", motion))
+    table = measured(recording)
+    met = np.unique(np.sort(np.column_stack([table.source, table.target]), axis=1), axis=0)
+    pairs = tuple((place[int(a)], place[int(b)]) for a, b in met if a in place and b in place)
+    ego = None
+    if kind != "world":
+        ego = [node.name for node in nodes].index(names.split(",")[0])
+    framed = kind == "world" and not any(node.known for node in nodes)
+    framed = framed and sum(node.static for node in nodes) >= 2
+    return Setup(tuple(nodes), pairs, ego=ego, framed=framed)
+
+
+def motion_of(recording: Recording, name: str) -> Motion:
+    """Whether a robot drove and turned at all, by its odometry, else by its estimate."""
+    if name in recording.odometry:
+        twist: Odometry = recording.odometry[name]
+        v, omega = twist.v, twist.omega
+    else:
+        poses = recording.estimate[name]
+        dt = np.maximum(np.diff(poses.stamp) * 1e-9, 1e-6)
+        v = np.hypot(np.diff(poses.x), np.diff(poses.y)) / dt
+        omega = np.diff(np.unwrap(poses.heading)) / dt
+    if rises(omega, TURN):
+        return Motion.FREE if rises(v, SPEED) else Motion.REST
+    return Motion.STRAIGHT if rises(v, SPEED) else Motion.REST
+
+
+def rises(signal: Floats, least: float) -> bool:
+    """Whether a slow signal under white noise has a root mean square above `least`.
+
+    The noise is told by the differences of neighbours.
+    """
+    if signal.size < 2:
+        return bool(np.any(np.abs(signal) > least))
+    noise = float(np.mean(np.diff(signal) ** 2)) / 2.0
+    error = noise * np.sqrt(3.0 / signal.size)
+    return bool(np.mean(signal**2) - noise > least**2 + DOUBT * error)

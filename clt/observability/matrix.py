@@ -1,0 +1,34 @@
+"""The observability matrix of a team in floating point, for people and for comparisons."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from clt.observability.codistribution import rows
+from clt.observability.polynomial import Polynomial
+from clt.observability.rank import touched
+from clt.observability.setup import Setup
+from clt.observability.states import Place
+from clt.streams import Floats
+
+
+def value(p: Polynomial, numbers: Floats) -> float:
+    """A polynomial at (x, y, c, s) of end a, then of end b."""
+    return float(sum(float(factor) * np.prod(numbers ** np.array(m)) for m, factor in p.items()))
+
+
+def matrix(setup: Setup, state: Sequence[Place]) -> Floats:
+    """Rows: gradients of Lie derivatives, pair by pair and by order; columns: the state."""
+    parts = [np.zeros((0, len(setup.columns)))]
+    for pair in setup.pairs:
+        ends = [state[k] for k in setup.ordered(pair)]
+        numbers = np.array([[p.x, p.y, p.c, p.s] for p in ends], dtype=np.float64).ravel()
+        found = rows(setup.kind(pair))
+        entries, columns = touched(setup, pair)
+        block = np.zeros((len(found), len(setup.columns)))
+        for r, row in enumerate(found):
+            block[r, list(columns)] = [value(row.gradient[k], numbers) for k in entries]
+        parts.append(block)
+    return np.concatenate(parts)

@@ -1,0 +1,122 @@
+"""Polynomials in the eight numbers that describe a pair of robots, with exact coefficients.
+
+Variables: x, y, c = cos(theta), s = sin(theta) of end a, then of end b. Every polynomial is kept
+in normal form modulo c^2 + s^2 = 1 (no power of s above one), so that equal functions are equal
+dictionaries. Heading enters through c and s alone: d/dtheta = c d/ds - s d/dc.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+
+Monomial = tuple[int, ...]
+"""Exponents of the eight variables."""
+Polynomial = Mapping[Monomial, Fraction]
+
+VARIABLES = 8
+X, Y, C, S = 0, 1, 2, 3
+"""Places of end a's variables; end b's come END later."""
+END = 4
+
+
+def variable(place: int) -> Polynomial:
+    """One of the eight variables."""
+    return {tuple(int(k == place) for k in range(VARIABLES)): Fraction(1)}
+
+
+def constant(value: int | Fraction) -> Polynomial:
+    """A number."""
+    return {} if value == 0 else {(0,) * VARIABLES: Fraction(value)}
+
+
+def add(p: Polynomial, q: Polynomial, factor: int | Fraction = 1) -> Polynomial:
+    """Compute p + factor q."""
+    total = dict(p)
+    for monomial, value in q.items():
+        total[monomial] = total.get(monomial, Fraction(0)) + factor * value
+    return {monomial: value for monomial, value in total.items() if value != 0}
+
+
+def multiply(p: Polynomial, q: Polynomial) -> Polynomial:
+    """Multiply and bring into normal form."""
+    total: dict[Monomial, Fraction] = {}
+    for m, a in p.items():
+        for n, b in q.items():
+            monomial = tuple(i + j for i, j in zip(m, n, strict=True))
+            total[monomial] = total.get(monomial, Fraction(0)) + a * b
+    return normal(total)
+
+
+def normal(p: Polynomial) -> Polynomial:
+    """Replace s^2 by 1 - c^2 for both ends until no power of s is above one."""
+    for end in (0, END):
+        while any(monomial[end + S] > 1 for monomial in p):
+            total: dict[Monomial, Fraction] = {}
+            for monomial, value in p.items():
+                parts = [(monomial, value)]
+                if monomial[end + S] > 1:
+                    lower = list(monomial)
+                    lower[end + S] -= 2
+                    higher = lower.copy()
+                    higher[end + C] += 2
+                    parts = [(tuple(lower), value), (tuple(higher), -value)]
+                for key, part in parts:
+                    total[key] = total.get(key, Fraction(0)) + part
+            p = total
+    return {monomial: value for monomial, value in p.items() if value != 0}
+
+
+def derivative(p: Polynomial, place: int) -> Polynomial:
+    """Partial derivative with respect to one of the eight variables."""
+    result: dict[Monomial, Fraction] = {}
+    for monomial, value in p.items():
+        power = monomial[place]
+        if power > 0:
+            lower = list(monomial)
+            lower[place] -= 1
+            result[tuple(lower)] = value * power
+    return result
+
+
+def lie(p: Polynomial, field: Mapping[int, Polynomial]) -> Polynomial:
+    """Lie derivative of p along a vector field: variable -> its rate of change."""
+    total: Polynomial = {}
+    for place, rate in field.items():
+        total = add(total, multiply(derivative(p, place), rate))
+    return total
+
+
+def turning(end: int) -> Mapping[int, Polynomial]:
+    """The field d/dtheta of one end: c -> -s, s -> c."""
+    return {end + C: scale(variable(end + S), -1), end + S: variable(end + C)}
+
+
+def scale(p: Polynomial, factor: int | Fraction) -> Polynomial:
+    """Compute factor p."""
+    return add({}, p, factor)
+
+
+def gradient(p: Polynomial) -> tuple[Polynomial, ...]:
+    """Derivatives with respect to (x, y, theta) of end a, then of end b."""
+    return tuple(
+        entry
+        for end in (0, END)
+        for entry in (
+            derivative(p, end + X),
+            derivative(p, end + Y),
+            lie(p, turning(end)),
+        )
+    )
+
+
+def reduce(p: Polynomial, basis: Sequence[Polynomial]) -> Polynomial:
+    """What is left of p after subtracting multiples of basis elements; zero if p depends on them.
+
+    Each element is led by its largest monomial, and the basis is sorted by them, largest first.
+    """
+    for element in basis:
+        lead = max(element)
+        if lead in p:
+            p = add(p, element, -p[lead] / element[lead])
+    return p

@@ -1,0 +1,137 @@
+"""Which one added thing makes a team observable: found by asking again with it added."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from clt.observability.codistribution import Motion
+from clt.observability.setup import Node, Setup, listed
+
+MOST_STEPS = 3
+"""So many things together are tried where no single one suffices."""
+MOST_ALIKE = 4
+"""Of more robots that are alike the first stands for each."""
+Score = tuple[int, int]
+"""Nullity and number of discrete ambiguities of a setup."""
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """What to add, and what the team is then."""
+
+    text: str
+    nullity: int
+    """Of the team with it added."""
+
+
+class Addition(NamedTuple):
+    """One thing added to a setup."""
+
+    text: str
+    setup: Setup
+    """With it."""
+    robots: int = 1
+    """Robots that have to do something."""
+
+
+def remedies(setup: Setup, score: Callable[[Setup], Score]) -> tuple[Remedy, ...]:
+    """Single additions that leave nothing open; where none does, the shortest chain found."""
+    here = score(setup)
+    if here == (0, 0):
+        return ()
+    tried = [(one, score(one.setup)) for one in additions(setup)]
+    enough = [one for one, left in tried if left == (0, 0)]
+    if len(enough) == 0:
+        enough = [one for one, left in tried if left[0] == 0 < here[0]]
+    if len(enough) == 0:
+        return _chain(setup, here, score)
+    fewest = min(one.robots for one in enough)
+    return tuple(Remedy(one.text, 0) for one in enough if one.robots == fewest)
+
+
+def _chain(setup: Setup, here: Score, score: Callable[[Setup], Score]) -> tuple[Remedy, ...]:
+    """The addition that helps most, then the next, while something helps."""
+    texts: list[str] = []
+    for _ in range(MOST_STEPS):
+        tried = [(score(one.setup), one) for one in additions(setup)]
+        best = min(tried, key=lambda pair: (pair[0], pair[1].robots), default=None)
+        if best is None or best[0] >= here:
+            break
+        here, setup = best[0], best[1].setup
+        texts.append(best[1].text)
+        if here == (0, 0):
+            break
+    return (Remedy(", then ".join(texts), here[0]),) if len(texts) > 0 else ()
+
+
+def additions(setup: Setup) -> Iterator[Addition]:
+    """Setups with one thing added."""
+    yield from _motion(setup)
+    if setup.ego is not None:
+        return
+    statics = sum(node.static for node in setup.nodes)
+    anchored = any(node.known for node in setup.nodes)
+    if setup.frame_robots != () and not setup.framed and not anchored:
+        yield from _frame(setup)
+    unplaced = next((k for k, node in enumerate(setup.nodes) if node.static and not node.known), -1)
+    if unplaced >= 0:
+        node = setup.nodes[unplaced]
+        placed = _with(setup, unplaced, replace(node, known=True))
+        yield Addition(f"the position of {node.name}", placed)
+    number = {0: "a", 1: "a second", 2: "a third"}.get(statics, "a further")
+    yield Addition(f"{number} static robot of known position", _joined_by(setup, known=True))
+    if anchored:
+        text = f"{number} static robot, its position unknown"
+        yield Addition(text, _joined_by(setup, known=False))
+
+
+def _frame(setup: Setup) -> Iterator[Addition]:
+    """A world made from ranges instead of given positions."""
+    first, *others = (setup.nodes[k].name for k in setup.frame_robots)
+    if len(others) > 0:
+        text = f"a world made from ranges ({first} its origin, {others[0]} on its x axis)"
+        yield Addition(text, replace(setup, framed=True))
+
+
+def _motion(setup: Setup) -> Iterator[Addition]:
+    """Robots freed from their conditions, one by one (or one for all) and all together."""
+    moving = [k for k, node in enumerate(setup.nodes) if not node.static]
+    rest = [k for k in moving if setup.nodes[k].motion is Motion.REST]
+    straight = [k for k in moving if setup.motion(k) is Motion.STRAIGHT]
+    abreast = [k for k in straight if k in setup.parallel]
+    for robots, text, motion in (
+        (rest, "{} moving", Motion.FREE),
+        (straight, "a turn of {}", Motion.FREE),
+        (abreast, "another course of {}", Motion.STRAIGHT),
+    ):
+        single = [[k] for k in robots] if len(robots) <= MOST_ALIKE else [robots[:1]]
+        for chosen in (*single, *([robots] if len(robots) > 1 else [])):
+            names = listed([setup.nodes[k].name for k in chosen])
+            freed = _freed(setup, chosen, motion)
+            yield Addition(text.format(names), freed, len(chosen))
+
+
+def _freed(setup: Setup, robots: list[int], motion: Motion) -> Setup:
+    """The setup with some robots moving as told, of their own."""
+    for k in robots:
+        setup = _with(setup, k, replace(setup.nodes[k], motion=motion))
+    return replace(
+        setup,
+        parallel=setup.parallel.difference(robots),
+        in_line=setup.in_line.difference(robots),
+    )
+
+
+def _with(setup: Setup, k: int, node: Node) -> Setup:
+    return replace(setup, nodes=(*setup.nodes[:k], node, *setup.nodes[k + 1 :]))
+
+
+def _joined_by(setup: Setup, *, known: bool) -> Setup:
+    """The setup with one more static robot that ranges everyone."""
+    count = len(setup.nodes)
+    statics = sum(node.static for node in setup.nodes)
+    node = Node(f"S{statics + 1} (new)", static=True, known=known)
+    pairs = (*setup.pairs, *((k, count) for k in range(count)))
+    return replace(setup, nodes=(*setup.nodes, node), pairs=pairs)
