@@ -20,7 +20,7 @@ from clt.filters.compiled import inlined, lean
 from clt.filters.inputs import RangeTable, Segments
 from clt.filters.kalman import Work
 from clt.filters.ranging import predict_range
-from clt.filters.reacquisition import fresh_memory, reacquire, remember
+from clt.filters.reacquisition import LOST, fresh_memory, reacquire, remember
 from clt.filters.unicycle import arc, process_noise
 from clt.streams import Floats, Indices, Stamps
 
@@ -52,6 +52,8 @@ class Run(NamedTuple):
     """REJECTED or USED."""
     last_mean: Floats
     last_covariance: Floats
+    lost: Indices
+    """How often each robot was lost and searched for anew, shape (n,)."""
 
 
 class State(NamedTuple):
@@ -67,27 +69,34 @@ class State(NamedTuple):
     """The twist segment that each robot is in."""
     memory: Indices
     """What each robot's ranges said of late (`reacquisition`)."""
+    shift: Floats
+    """How far ranges moved each robot since its last step, shape (n, 2), m; see `propagate`."""
 
 
 @lean
 def propagate(
-    x: Floats, P: Floats, i: int, v: float, omega: float, dt: float,
+    x: Floats, P: Floats, shift: Floats, i: int, v: float, omega: float, dt: float,
     interval: float, var_v: float, var_omega: float, form: int,
 ) -> None:  # fmt: skip
     """Robot i over dt seconds, in place: x <- f(x, u), P <- F P F^T + Q.
 
-    F differs from the identity only in d(x, y) / d theta = (-dy, dx).
+    F differs from the identity only in d(x, y) / d theta = (-dy, dx), the displacement turned by
+    90 degrees. With first-estimates Jacobians (Huang, Mourikis, Roumeliotis 2010) it reaches from
+    predicted pose to predicted pose, so `shift`, what ranges corrected in between, comes to it:
+    the filter then cannot learn, from its own corrections, a rotation that no range tells.
     """
     X, Y, T = 3 * i, 3 * i + 1, 3 * i + 2
     dx, dy, cosine, sine = arc(x[T], v, omega, dt)
     xx, xy, yy, xt, yt, tt = process_noise(v, dt, cosine, sine, interval, var_v, var_omega, form)
+    fx, fy = dx + shift[i, 0], dy + shift[i, 1]
+    shift[i, 0] = shift[i, 1] = 0.0
     for c in range(P.shape[0]):
-        P[X, c] -= dy * P[T, c]
-        P[Y, c] += dx * P[T, c]
-    P[X, X] -= dy * P[X, T]
-    P[X, Y] += dx * P[X, T]
+        P[X, c] -= fy * P[T, c]
+        P[Y, c] += fx * P[T, c]
+    P[X, X] -= fy * P[X, T]
+    P[X, Y] += fx * P[X, T]
     P[Y, X] = P[X, Y]
-    P[Y, Y] += dx * P[Y, T]
+    P[Y, Y] += fx * P[Y, T]
     P[X, X] += xx
     P[X, Y] += xy
     P[Y, X] += xy
@@ -107,7 +116,7 @@ def propagate(
 @lean
 def advance(state: State, i: int, until: int, segments: Segments, form: int) -> None:
     """Bring robot i to the time `until` (ns) through its twist segments."""
-    x, P, time, cursor, _ = state
+    x, P, time, cursor, _, shift = state
     while time[i] < until:
         k = cursor[i]
         if k >= segments.first[i + 1]:
@@ -115,7 +124,7 @@ def advance(state: State, i: int, until: int, segments: Segments, form: int) -> 
             return
         stop = min(until, segments.end[k])
         propagate(
-            x, P, i, segments.v[k], segments.omega[k], (stop - time[i]) * 1e-9,
+            x, P, shift, i, segments.v[k], segments.omega[k], (stop - time[i]) * 1e-9,
             segments.interval[k], segments.var_v[k], segments.var_omega[k], form,
         )  # fmt: skip
         time[i] = stop
@@ -158,8 +167,10 @@ def judge(
 
 
 @inlined
-def correct(state: State, work: Work, count: int, large: int | None) -> None:
+def correct(state: State, work: Work, count: int, large: int | None, first: bool) -> None:
     """Fuse `count` ranges of one instant: error state and covariance, then the nominal state.
+
+    `first`: keep the correction for first-estimates Jacobians.
 
     From `large` ranges per robot in information form; with None that is not even compiled.
     """
@@ -170,6 +181,10 @@ def correct(state: State, work: Work, count: int, large: int | None) -> None:
         kalman.sequential(state.P, work, count)
     for k in range(x.size):
         x[k] += work.delta[k]
+    if first:
+        for i in range(state.shift.shape[0]):
+            state.shift[i, 0] += work.delta[3 * i]
+            state.shift[i, 1] += work.delta[3 * i + 1]
 
 
 @inlined
@@ -185,7 +200,7 @@ def read_out(x: Floats, P: Floats, i: int, mean: Floats, covariance: Floats, o: 
 @lean
 def eskf(
     state: State, start: int, lever: Floats, segments: Segments, ranges: RangeTable,
-    outputs: Outputs, gate: float, patience: int, form: int, large: int | None,
+    outputs: Outputs, gate: float, patience: int, form: int, first: bool, large: int | None,
     work: Work, run: Run,
 ) -> None:  # fmt: skip
     """The filter over a whole log: fills `run`; `state` ends as the last posterior.
@@ -208,7 +223,7 @@ def eskf(
             last += 1
         if last > m:
             judge(state, lever, ranges, m, last, gate, patience, work, run)
-            correct(state, work, last - m, large)
+            correct(state, work, last - m, large, first)
             m = last
         while o < O and outputs.stamp[o] == now:
             i = outputs.robot[o]
@@ -237,25 +252,30 @@ def run(
     gate: float,
     reacquire: float,
     form: int,
+    first: bool = False,
 ) -> Run:
     """Filter one log: joint mean (3n,) and covariance (3n, 3n) at `start` (ns), lever (n, 2).
 
-    gate: chi-square bound of one range, 0 for none; reacquire: s; form: of the process noise.
+    gate: chi-square bound of one range, 0 for none; reacquire: s; form: of the process noise;
+    first: first-estimates Jacobians instead of those at the latest estimate.
     Linear algebra runs in one thread: at these sizes a second one costs more than it helps.
     """
     x, P = mean.astype(np.float64), covariance.astype(np.float64)
     n, M, O = x.size // 3, ranges.stamp.size, outputs.stamp.size  # noqa: E741
-    state = State(x, P, np.full(n, start), segments.first[:-1].copy(), fresh_memory(n, start))
+    state = State(
+        x, P, np.full(n, start), segments.first[:-1].copy(), fresh_memory(n, start),
+        np.zeros((n, 2)),
+    )  # fmt: skip
     work = kalman.workspace(most_at_once(ranges.stamp), x.size)
     result = Run(
         np.empty((O, 3)), np.empty((O, 3, 3)),
-        np.empty(M), np.empty(M), np.empty(M, np.int64), x, P,
+        np.empty(M), np.empty(M), np.empty(M, np.int64), x, P, state.memory[:, LOST],
     )  # fmt: skip
     patience = int(reacquire * 1e9)
     large = BATCH_PER_ROBOT if n >= BATCH_ROBOTS else None
     with threadpool_limits(1, "blas") if large is not None else nullcontext():
         eskf(
-            state, start, lever, segments, ranges, outputs, gate, patience, form, large,
-            work, result,
+            state, start, lever, segments, ranges, outputs, gate, patience, form, first,
+            large, work, result,
         )  # fmt: skip
     return result

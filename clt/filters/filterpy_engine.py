@@ -12,7 +12,7 @@ from filterpy.kalman import ExtendedKalmanFilter
 
 from clt.filters.eskf import REJECTED, USED, Outputs, Run
 from clt.filters.inputs import RangeTable, Segments
-from clt.filters.reacquisition import fresh_memory, remember
+from clt.filters.reacquisition import LOST, fresh_memory, remember
 from clt.filters.reacquisition import reacquire as reacquire_robots
 from clt.filters.unicycle import arc, process_noise
 from clt.geometry import rotation, wrap
@@ -26,6 +26,7 @@ class Motion:
         self.segments = segments
         self.time = np.full(robots, start)
         self.cursor = segments.first[:-1].copy()
+        self.shift = np.zeros((robots, 2))
 
     def step(
         self, x: Floats, i: int, until: int, form: int
@@ -44,7 +45,9 @@ class Motion:
         self.time[i] = stop
         if stop == s.end[k]:
             self.cursor[i] += 1
-        F = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
+        fx, fy = dx + self.shift[i, 0], dy + self.shift[i, 1]
+        self.shift[i] = 0.0
+        F = np.array([[1.0, 0.0, -fy], [0.0, 1.0, fx], [0.0, 0.0, 1.0]])
         Q = np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]])
         return np.array([dx, dy, s.omega[k] * dt]), F, Q
 
@@ -115,6 +118,7 @@ def run(
     gate: float,
     reacquire: float,
     form: int,
+    first: bool = False,
 ) -> Run:
     """The signature and the numbers of `clt.filters.eskf.run`."""
     ekf = TeamFilter(mean, covariance)
@@ -134,16 +138,19 @@ def run(
         if rows.stop > rows.start:
             ends = np.append(ranges.a[rows], ranges.b[rows])
             ekf.advance(motion, np.unique(ends[ends >= 0]), int(now), form)
+            before = ekf.x
             residual[rows], spread[rows], verdict[rows] = _update(
                 ekf, lever, ranges, rows, memory, gate, patience
             )
+            if first:
+                motion.shift += (ekf.x - before).reshape(-1, 3)[:, :2]
         for o in range(*np.searchsorted(outputs.stamp, [now, now + 1])):
             own = slice(3 * outputs.robot[o], 3 * outputs.robot[o] + 3)
             ekf.advance(motion, outputs.robot[o : o + 1], int(now), form)
             out_mean[o], out_covariance[o] = ekf.x[own], ekf.P[own, own]
     ekf.advance(motion, np.arange(n), int(now), form)
     out_mean[:, 2] = wrap(out_mean[:, 2])
-    return Run(out_mean, out_covariance, residual, spread, verdict, ekf.x, ekf.P)
+    return Run(out_mean, out_covariance, residual, spread, verdict, ekf.x, ekf.P, memory[:, LOST])
 
 
 def _update(

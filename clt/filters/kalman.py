@@ -111,7 +111,9 @@ def normal_equations(work: Work, count: int) -> tuple[Floats, Floats, Indices, I
     Returns also those columns (T,) and the others (N - T,).
     """
     J, H, residual, R, used = work.J, work.H, work.residual, work.R, work.used
-    place = np.full(work.delta.size, -1)
+    place = np.zeros(work.delta.size, np.int64)
+    for k in range(place.size):
+        place[k] = -1
     for m in range(count):
         for k in range(6):
             if used[m] != 0 and H[m, k] != 0.0:

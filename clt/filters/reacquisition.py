@@ -12,8 +12,9 @@ import numpy as np
 from clt.filters.compiled import inlined, lean
 from clt.streams import Floats, Indices
 
-SINCE, ACCEPTED, CONTRADICTED, ACCUSER = 0, 1, 2, 3
-"""Columns of a filter's memory: ns, ranges accepted and rejected since then, who disagreed."""
+SINCE, ACCEPTED, CONTRADICTED, ACCUSER, LOST = 0, 1, 2, 3, 4
+"""Columns of a filter's memory: ns, ranges accepted and rejected since then, who disagreed, and how
+often the robot was lost."""
 NOBODY, SEVERAL = -1_000_000, -1_000_001
 """Who contradicts a robot, where it is not one partner."""
 LOST_HEADING = 1.0
@@ -31,8 +32,8 @@ def widen(P: Floats, i: int, spread: float) -> None:
 
 
 def fresh_memory(n: int, start: int) -> Indices:
-    """Memory of n robots, shape (n, 4), at the time `start` (ns)."""
-    return np.tile(np.array([start, 0, 0, NOBODY]), (n, 1))
+    """Memory of n robots, shape (n, 5), at the time `start` (ns)."""
+    return np.tile(np.array([start, 0, 0, NOBODY, 0]), (n, 1))
 
 
 @lean
@@ -78,6 +79,7 @@ def reacquire(
             spread = worst(i, a, b, residual, m, last)
             if spread > 0.0:
                 widen(P, i, spread)
+                memory[i, LOST] += 1
                 any_lost = True
         memory[i, SINCE], memory[i, ACCUSER] = now, NOBODY
         memory[i, ACCEPTED] = memory[i, CONTRADICTED] = 0

@@ -31,7 +31,7 @@ class Noise(Settings):
     """Further error of omega as a share of |omega|."""
     sigma_range: Positive | None = None
     """One calibrated range, m."""
-    correlation_time: NotNegative = 0.0
+    correlation_time: NotNegative | None = None
     """Of the range error of one pair, s; ranges that come faster tell less than they seem to."""
 
 
@@ -49,6 +49,9 @@ class FilterSettings(Settings):
     initial: Initial = Initial()
     process: Literal["exact", "shi"] = "exact"
     """Form of the process noise: along the heading, or the paper's diagonal."""
+    jacobians: Literal["auto", "latest", "first"] = "auto"
+    """Taken at the latest estimate, or at the first one of each instant: consistent where the team
+    cannot be fixed in the world. auto: first with fewer than two fixed robots."""
     gate: NotNegative = 16.0
     """A range is rejected when its NIS exceeds this; 0 accepts all."""
     reacquire: Positive = 3.0

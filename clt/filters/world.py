@@ -187,7 +187,16 @@ def solve(problem: Problem, settings: FilterSettings) -> eskf.Run:
         gate=settings.gate,
         reacquire=settings.reacquire,
         form=FORMS[settings.process],
+        first=first_estimates(problem, settings),
     )
+
+
+def first_estimates(problem: Problem, settings: FilterSettings) -> bool:
+    """Whether to take first-estimates Jacobians: as set, else with fewer than two fixed robots."""
+    if settings.jacobians != "auto":
+        return settings.jacobians == "first"
+    ends = np.append(problem.ranges.a, problem.ranges.b)
+    return np.unique(ends[ends < 0]).size < 2
 
 
 def trajectories(problem: Problem, run: eskf.Run) -> dict[str, Poses]:
@@ -229,6 +238,16 @@ def lost_robots(problem: Problem, run: eskf.Run) -> tuple[str, ...]:
     return tuple(lost)
 
 
+def found_again(problem: Problem, run: eskf.Run) -> tuple[str, ...]:
+    """One line for each robot that the filter lost and searched for."""
+    return tuple(
+        f"{name} was lost {'once' if times == 1 else f'{times} times'}: most of its ranges "
+        "contradicted the estimate, so it was searched for anew"
+        for name, times in zip(problem.robots, run.lost, strict=True)
+        if times > 0
+    )
+
+
 def localize(recording: Recording, start: Start, settings: FilterSettings) -> Posterior:
     """Shi's centralized filter over a log. Raises CltError where nothing can be estimated."""
     problem = pose_problem(recording, start, settings)
@@ -242,7 +261,7 @@ def localize(recording: Recording, start: Start, settings: FilterSettings) -> Po
         run.last_mean,
         run.last_covariance,
         problem.notes,
-        problem.left_out,
+        (*problem.left_out, *found_again(problem, run)),
         lost_robots(problem, run),
     )
 

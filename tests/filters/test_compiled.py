@@ -21,7 +21,7 @@ def leaf(x):
 """
 ROOT = """
 import numpy as np
-from kernels.compiled import inlined, kernel, is_cached, watched
+from kernels.compiled import inlined, is_cached, kernel, lean, watched
 from kernels.leaf import leaf
 
 @inlined
@@ -32,9 +32,17 @@ def twice(x):
 def root(x):
     return twice(leaf(x))
 
+@kernel
+def makes_arrays(n):
+    return np.full(n, -1).sum()
+
+@lean
+def makes_none(n):
+    return makes_arrays(n)
+
 print(is_cached(root))
 with watched(lambda kept: print("compiling", kept)):
-    root(1.0), root(np.float32(1.0))
+    root(1.0), root(np.float32(1.0)), makes_none(3)
 print(is_cached(root), root(1.0))
 """
 

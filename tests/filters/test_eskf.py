@@ -31,7 +31,7 @@ def through_filterpy(problem, options=DEFAULTS):
     return filterpy_engine.run(
         problem.mean, problem.covariance, problem.start, problem.lever, problem.segments,
         problem.ranges, problem.outputs, gate=options.gate, reacquire=options.reacquire,
-        form=world.FORMS[options.process],
+        form=world.FORMS[options.process], first=world.first_estimates(problem, options),
     )  # fmt: skip
 
 
@@ -68,7 +68,9 @@ def test_range_jacobian_matches_finite_differences(state, arms, ends):
         {"moving": 1},
     ],
 )
-@pytest.mark.parametrize("options", [{}, {"process": "shi"}, {"gate": 2.0, "reacquire": 0.5}])
+@pytest.mark.parametrize(
+    "options", [{}, {"process": "shi"}, {"gate": 2.0, "reacquire": 0.5}, {"jacobians": "first"}]
+)
 def test_equals_filterpy(case, options):
     chosen = FilterSettings(**options)
     problem = laid_out(team_recording(seed=4, seconds=8.0, **case), chosen)

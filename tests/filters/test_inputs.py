@@ -341,6 +341,19 @@ def test_both_directions_of_a_pair_share_its_correlation():
     np.testing.assert_allclose(table.variance, 0.01)
 
 
+def test_the_log_tells_the_correlation_unless_the_user_does():
+    measured = ranges([(k * 10 * MS, 2, 3, 1.0) for k in range(1, 9)])
+    team = replace(TEAM, range_correlation=0.05)
+
+    def factor(noise):
+        table, _ = range_table(measured, team, {2: 0, 3: 1}, {}, noise, 0, 10**9)
+        return table.weight_variance / table.variance
+
+    rho = np.exp(-0.01 / 0.05)
+    np.testing.assert_allclose(factor(QUIET), (1 + rho) / (1 - rho))
+    np.testing.assert_array_equal(factor(Noise(correlation_time=0.0)), 1.0)
+
+
 def test_no_ranges_make_an_empty_table():
     table, notes = table_of(ranges([]), Noise(correlation_time=1.0))
     assert notes == ()

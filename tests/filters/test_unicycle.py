@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clt.filters.unicycle import EXACT, SHI, arc, process_noise, sinc
@@ -22,11 +22,13 @@ def step(state, v, omega, dt):
 
 
 @given(st.floats(-3.0, 3.0))
+@settings(deadline=None)  # the first call may compile
 def test_sinc_has_no_seam(x):
     assert math.isclose(sinc(x), np.sinc(x / math.pi), rel_tol=1e-14, abs_tol=1e-15)
 
 
 @given(angle, speed, turn, span)
+@settings(deadline=None)  # the first call may compile
 def test_the_arc_is_the_integral_of_the_unicycle(theta, v, omega, dt):
     t = (np.arange(4000) + 0.5) * dt / 4000
     fine = [np.mean(f(theta + omega * t)) * v * dt for f in (np.cos, np.sin)]
@@ -34,6 +36,7 @@ def test_the_arc_is_the_integral_of_the_unicycle(theta, v, omega, dt):
 
 
 @given(angle, speed, turn, span, st.floats(0.0, 1.0))
+@settings(deadline=None)  # the first call may compile
 def test_steps_compose(theta, v, omega, dt, share):
     start = np.array([1.0, -2.0, theta])
     whole = step(start, v, omega, dt)
@@ -42,6 +45,7 @@ def test_steps_compose(theta, v, omega, dt, share):
 
 
 @given(angle, speed, turn, span)
+@settings(deadline=None)  # the first call may compile
 def test_transition_matches_finite_differences(theta, v, omega, dt):
     dx, dy, _, _ = arc(theta, v, omega, dt)
     e = 1e-6
@@ -52,6 +56,7 @@ def test_transition_matches_finite_differences(theta, v, omega, dt):
 
 
 @given(angle, st.floats(-1.5, 1.5), st.floats(-1.0, 1.0), st.floats(0.01, 0.1))
+@settings(deadline=None)  # the first call may compile
 def test_process_noise_is_that_of_the_twist(theta, v, omega, dt):
     var_v, var_w, interval, e = 0.04, 0.01, 0.05, 1e-6
     _, _, c, s = arc(theta, v, omega, dt)
