@@ -42,8 +42,8 @@ def compiled(function: F, **options: Any) -> F:
 
 
 def kernel(function: F) -> F:
-    """Compile a function."""
-    return compiled(function)
+    """Compile a function. It may make arrays even where a `lean` one calls it."""
+    return compiled(function, _nrt=True)
 
 
 def lean(function: F) -> F:
@@ -53,8 +53,7 @@ def lean(function: F) -> F:
 
 def inlined(function: F) -> F:
     """Compile a small function that makes no arrays into its callers: cheaper than by itself."""
-    options: dict[str, Any] = {"inline": "always", "error_model": "numpy", **NO_ARRAYS}
-    return cast("F", numba.njit(**options)(function))
+    return compiled(function, inline="always", **NO_ARRAYS)
 
 
 def is_cached(function: Callable[..., object]) -> bool:
