@@ -104,6 +104,15 @@ def sequential(P: Floats, work: Work, count: int) -> None:
                 P[r, c] -= g[r] * g[c]
 
 
+@lean
+def mark(work: Work, count: int, columns: Indices) -> None:
+    """Set those columns to 1 that the used ones of the first `count` rows touch."""
+    for m in range(count):
+        for k in range(6):
+            if work.used[m] != 0 and work.H[m, k] != 0.0:
+                columns[work.J[m, k]] = 1
+
+
 @kernel
 def normal_equations(work: Work, count: int) -> tuple[Floats, Floats, Indices, Indices]:
     """A = H^T R^-1 H (T, T) and g = H^T R^-1 r (T,) in the columns that H touches.
@@ -112,13 +121,8 @@ def normal_equations(work: Work, count: int) -> tuple[Floats, Floats, Indices, I
     """
     J, H, residual, R, used = work.J, work.H, work.residual, work.R, work.used
     place = np.zeros(work.delta.size, np.int64)
-    for k in range(place.size):
-        place[k] = -1
-    for m in range(count):
-        for k in range(6):
-            if used[m] != 0 and H[m, k] != 0.0:
-                place[J[m, k]] = 0
-    touched, others = np.flatnonzero(place == 0), np.flatnonzero(place < 0)
+    mark(work, count, place)
+    touched, others = np.flatnonzero(place), np.flatnonzero(place == 0)
     for t in range(touched.size):
         place[touched[t]] = t
     A, g = np.zeros((touched.size, touched.size)), np.zeros(touched.size)
