@@ -29,7 +29,7 @@ def info(
     console = Console(quiet, verbose)
     inputs = Inputs.of(log, streams=streams)
     inputs.check(output, force)
-    loaded = load(log, inputs["streams"])
+    loaded = load(log, inputs["streams"], brief=True)
     console.detail(f"SHA-256 {loaded.sha256}")
     summary = summarize(loaded.recording)
     with inputs.report(output, force) as file:

@@ -6,12 +6,18 @@ import itertools
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from clt.log.table import Messages
 from clt.streams import Indices
 
-EMPTY = Messages(np.empty(0, np.uint8), *(np.empty(0, np.int64) for _ in range(6)))
+COLUMNS = ("channel", "log_time", "offset", "length")
+NONE = Messages(
+    np.empty(0, np.uint8),
+    np.empty(0, np.int32),
+    np.empty(0, np.int64),
+    np.empty(0, np.int64),
+    np.empty(0, np.int32),
+)
 
 
 @dataclass
@@ -21,7 +27,11 @@ class Gathered:
     counts: list[int] = field(default_factory=list)
     """Messages of each channel, by its number."""
     _wanted: list[bool] = field(default_factory=list)
-    _pieces: list[Messages] = field(default_factory=list)
+    _data: bytearray = field(default_factory=bytearray)
+    """Grows in place, so that what was inflated is not held twice."""
+    _tables: list[Messages] = field(default_factory=lambda: [NONE])
+    """Their offsets are those in `_data`."""
+    _whole: Messages = NONE
     _rows: list[Indices] = field(default_factory=list)
     """Rows of each channel, once packed."""
 
@@ -37,20 +47,23 @@ class Gathered:
             self.counts[number] += int(counts[number])
         keep = np.array(self._wanted)[messages.channel]
         if keep.any():
-            wanted = messages if keep.all() else messages.select(keep)
-            self._pieces.append(compact(wanted))
+            wanted = compact(messages if keep.all() else messages.select(keep))
+            offset = wanted.offset + len(self._data)
+            self._data += wanted.data.data
+            self._tables.append(replace(wanted, data=NONE.data, offset=offset))
 
     def packed(self) -> Gathered:
-        """All pieces in one buffer, each channel's rows known."""
-        if len(self._pieces) == 0:
-            self._pieces = [EMPTY]
-        if len(self._pieces) > 1:
-            self._pieces = [joined(self._pieces)]
-        whole = self._pieces[0]
-        narrow = np.uint16 if len(self.counts) <= 1 << 16 else np.int64  # sorted by radix
-        rows = np.argsort(whole.channel.astype(narrow), kind="stable")
-        bounds = np.searchsorted(whole.channel[rows], np.arange(len(self.counts) + 1))
-        self._rows = [rows[a:b] for a, b in itertools.pairwise(bounds)]
+        """All messages as one table, each channel's rows known; nothing can be added any more."""
+        columns = (
+            np.concatenate([getattr(table, name) for table in self._tables]) for name in COLUMNS
+        )
+        self._whole = Messages(np.frombuffer(self._data, np.uint8), *columns)
+        self._tables = []
+        channel = self._whole.channel
+        narrow = np.uint16 if len(self.counts) <= 1 << 16 else np.int32  # sorted by radix
+        rows = np.argsort(channel.astype(narrow), kind="stable")
+        bounds = np.cumsum(np.bincount(channel, minlength=len(self.counts)))
+        self._rows = [rows[a:b] for a, b in itertools.pairwise([0, *bounds.tolist()])]
         return self
 
     def of(self, numbers: list[int]) -> Messages:
@@ -58,7 +71,7 @@ class Gathered:
         rows = self._rows[numbers[0]]
         if len(numbers) > 1:
             rows = np.sort(np.concatenate([self._rows[number] for number in numbers]))
-        return self._pieces[0].select(rows)
+        return self._whole.select(rows)
 
 
 def compact(messages: Messages) -> Messages:
@@ -68,25 +81,5 @@ def compact(messages: Messages) -> Messages:
     view = messages.data.data
     spans = zip(messages.offset.tolist(), messages.length.tolist(), strict=True)
     data = b"".join([view[offset : offset + length] for offset, length in spans])
-    offset = np.cumsum(messages.length) - messages.length
+    offset = np.cumsum(messages.length, dtype=np.int64) - messages.length
     return replace(messages, data=np.frombuffer(data, np.uint8), offset=offset)
-
-
-def joined(pieces: list[Messages]) -> Messages:
-    """All pieces as one; `pieces` is emptied on the way, so that memory holds each byte once."""
-    sizes = [len(piece.data) for piece in pieces]
-    data: NDArray[np.uint8] = np.empty(sum(sizes), np.uint8)
-    tables: list[Messages] = []
-    at = 0
-    for size in sizes:
-        piece = pieces.pop(0)
-        data[at : at + size] = piece.data
-        tables.append(replace(piece, data=data, offset=piece.offset + at))
-        at += size
-    return Messages(
-        data,
-        *(
-            np.concatenate([getattr(table, name) for table in tables])
-            for name in ("channel", "sequence", "log_time", "publish_time", "offset", "length")
-        ),
-    )

@@ -38,12 +38,16 @@ class LoadedLog:
 
 
 def load(
-    path: Path, streams: Path | Document | None = None, want: frozenset[str] = ALL
+    path: Path,
+    streams: Path | Document | None = None,
+    want: frozenset[str] = ALL,
+    brief: bool = False,
 ) -> LoadedLog:
     """Read what is wanted of a log; `-` is standard input.
 
     `streams` maps the topics of other people's logs. `want` holds names of `clt.log.roles.Role`;
-    what a log lacks is simply absent. Faults of the data are counted in `Recording.faults`.
+    what a log lacks is simply absent. `brief` suits those who only count: see
+    `clt.log.ranging.measure`. Faults of the data are counted in `Recording.faults`.
     Raises LogError where the log as a whole cannot be used, UsageError for a wrong streams file.
     """
     mapped = None if streams is None else _streams_file(streams)
@@ -52,7 +56,7 @@ def load(
     roles = by_name(log.topics, want) if mapped is None else by_file(mapped, want)
     if mapped is not None:
         mapped.check(log.topics, f"{streams}: {log.name}")
-    recording = _recording(log, roles, mapped)
+    recording = _recording(log, roles, mapped, brief)
     return LoadedLog(
         recording, log.sha256, log.name, log.header.profile, log.header.library, log.topics
     )
@@ -71,8 +75,8 @@ def _wanted(topic: str, mapped: StreamsFile | None, want: frozenset[str]) -> boo
     return found is not None and found[1] in want
 
 
-def _recording(log: Log, roles: Roles, mapped: StreamsFile | None) -> Recording:
-    measured = [(name, ranging.measure(log, stream)) for name, stream in roles.ranges]
+def _recording(log: Log, roles: Roles, mapped: StreamsFile | None, brief: bool) -> Recording:
+    measured = [(name, ranging.measure(log, stream, brief)) for name, stream in roles.ranges]
     framed = packets.decode_frames(log, roles.frames)
     if mapped is not None:
         team = crew.given(mapped)
@@ -82,7 +86,7 @@ def _recording(log: Log, roles: Roles, mapped: StreamsFile | None) -> Recording:
         if len(team.robots) == 0:
             text = f"no topic is named as clt names them; map them with --streams: {_list(log)}"
             log.faults.add("unmapped", "topics", text)
-    ranges = ranging.join(log, [one for _, one in measured], team)
+    ranges = ranging.join(log, [one for _, one in measured], team, brief)
     odometry = {name: convert.odometry(log, stream) for name, stream in roles.odometry.items()}
     truth = {name: convert.poses(log, stream, False) for name, stream in roles.truth.items()}
     estimate = {name: convert.poses(log, stream, True) for name, stream in roles.estimate.items()}

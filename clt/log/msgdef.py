@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -68,6 +69,7 @@ class Field:
     """Elements of an array."""
 
 
+@functools.lru_cache(maxsize=256)
 def parse(name: str, text: str) -> Struct:
     """The type `name` (`package/msg/Type`) of a concatenated schema.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,11 +36,15 @@ class Measured:
     target: Indices | str
 
 
-def measure(log: Log, stream: RangeStream) -> Measured:
-    """Decode one topic of ranges. Raises LogError where the type needs more than is given."""
+def measure(log: Log, stream: RangeStream, brief: bool = False) -> Measured:
+    """Decode one topic of ranges. Raises LogError where the type needs more than is given.
+
+    `brief` leaves out of clt_msgs/Range what counting and checking it does not take: raw ranges
+    stand for themselves, noise is unknown, sequence numbers are 0.
+    """
     struct = log.struct(stream.topic)
     if struct.name == OURS and stream.field is None:
-        return _ours(log, stream)
+        return _counted(log, stream) if brief else _ours(log, stream)
     path = stream.field or FIELDS.get(struct.name)
     if path is None:
         raise LogError(f"{log.name}: {stream.topic}: name the `field` of {struct.name} to read")
@@ -86,33 +91,50 @@ def _ours(log: Log, stream: RangeStream) -> Measured:
     )
 
 
+def _counted(log: Log, stream: RangeStream) -> Measured:
+    """clt_msgs/Range without what only an estimator needs."""
+    given = (stream.gain, stream.offset) != (1.0, 0.0)
+    name = "raw_range" if given else "range"
+    data = table(log, stream.topic, ["source", "target", name], stream.log_time)
+    raw = data.floats(name)
+    return Measured(
+        stream,
+        data,
+        raw,
+        stream.gain * raw + stream.offset if given else raw,
+        np.broadcast_to(np.nan, len(raw)),
+        np.broadcast_to(np.int64(0), len(raw)),
+        stream.source or data.integers("source"),
+        stream.target or data.integers("target"),
+    )
+
+
 def _sigma(stream: RangeStream, told: Floats) -> Floats:
     if stream.sigma is not None:
         return np.full(len(told), stream.sigma)
     return np.where(np.isfinite(told) & (told > 0.0), told, np.nan)
 
 
-def join(log: Log, measured: Sequence[Measured], team: Team) -> Ranges:
+def join(log: Log, measured: Sequence[Measured], team: Team, brief: bool = False) -> Ranges:
     """All topics as one table sorted by stamp; what is wrong is counted and dropped."""
     parts = [_part(log.faults, one, team) for one in measured]
     if len(parts) == 0:
         return no_ranges()
-    stamp, log_time, source, target, value, raw, sigma, sequence = (
-        np.concatenate(columns) for columns in zip(*parts, strict=True)
-    )
-    order = np.argsort(stamp, kind="stable")
-    ordered = (stamp[order], source[order], target[order], value[order])
-    order = order[tidy.distinct(log.faults, *ordered, robots=len(team.robots))]
-    return Ranges(
-        stamp[order],
-        log_time[order],
-        source[order],
-        target[order],
-        value[order],
-        raw[order],
-        sigma[order],
-        sequence[order],
-    )
+    width = 5 if brief else 8
+    columns = [np.concatenate(column) for column in list(zip(*parts, strict=True))[:width]]
+    del parts
+    order = np.argsort(columns[0], kind="stable")
+    for place, column in enumerate(columns):  # one by one, so that memory holds few twice
+        columns[place] = column[order]
+    stamp, _, source, target, value, *_ = columns
+    keep = tidy.distinct(log.faults, stamp, source, target, value, robots=len(team.robots))
+    if not keep.all():
+        columns = [column[keep] for column in columns]
+    if brief:
+        size = len(columns[0])
+        sigma, sequence = np.broadcast_to(np.nan, size), np.broadcast_to(np.int64(0), size)
+        columns += [columns[4], sigma, sequence]
+    return Ranges(*columns)
 
 
 def _part(faults: Faults, one: Measured, team: Team) -> tuple[Stamps | Indices | Floats, ...]:
@@ -143,11 +165,13 @@ def _ends(team: Team, end: Indices | str, count: int) -> Indices:
     return of_ids(team, end)
 
 
+@functools.lru_cache(maxsize=4)  # every topic asks
 def index_of_id(team: Team) -> Indices:
     """Index of the robot with each id from 0 to 65535, else -1."""
     index = np.full(1 << 16, -1, np.int64)
     for number, robot in enumerate(team.robots):
         index[robot.id] = number
+    index.flags.writeable = False
     return index
 
 

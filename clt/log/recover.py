@@ -13,7 +13,7 @@ from clt.errors import LogError
 from clt.log.records import Document, Header, Metadata, Schema
 from clt.log.scan import Channel, Scan
 from clt.log.stream import Counted
-from clt.log.table import Messages
+from clt.log.table import Messages, heads
 from clt.streams import Fault
 
 
@@ -105,11 +105,12 @@ class _Copy:
 
     def _messages(self, messages: Messages) -> None:
         view = messages.data.data
+        head = heads(messages)
         table = (
             messages.channel.tolist(),
-            messages.sequence.tolist(),
+            head["sequence"].tolist(),
             messages.log_time.tolist(),
-            messages.publish_time.tolist(),
+            head["publish_time"].tolist(),
             messages.offset.tolist(),
             messages.length.tolist(),
         )

@@ -20,8 +20,7 @@ from clt.log.frames import Frames
 from clt.log.magic import explain
 from clt.log.records import MAGIC, ChannelRecord, Document, Header, Metadata, Schema
 from clt.log.source import Source
-from clt.log.table import Messages
-from clt.streams import Indices
+from clt.log.table import Messages, Narrow
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class Names:
 
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, ChannelRecord] = field(default_factory=dict)
-    number: Indices = field(default_factory=lambda: np.full(1 << 16, -1, np.int64))
+    number: Narrow = field(default_factory=lambda: np.full(1 << 16, -1, np.int32))
     """Number of each channel id that was given out, else -1."""
     waiting: list[Messages] = field(default_factory=list)
     """Messages on channels not seen yet."""

@@ -18,6 +18,8 @@ from clt.log.records import CHANNEL, HEAD, MESSAGE, SCHEMA
 from clt.streams import Indices, Stamps
 
 Bytes = NDArray[np.uint8]
+Narrow = NDArray[np.int32]
+"""Columns of messages are many: no wider than need be."""
 
 ROW = np.dtype(
     [
@@ -42,22 +44,18 @@ class Messages:
     """Messages in file order, shape (n,); the payloads are `data[offset : offset + length]`."""
 
     data: Bytes
-    channel: Indices
+    channel: Narrow
     """Id in the file, or `Channel.number` once the scan has named it."""
-    sequence: Indices
     log_time: Stamps
-    publish_time: Stamps
     offset: Indices
-    length: Indices
+    length: Narrow
 
     def select(self, rows: NDArray[np.bool_] | Indices) -> Messages:
         """Some of the messages, of the same data."""
         return Messages(
             self.data,
             self.channel[rows],
-            self.sequence[rows],
             self.log_time[rows],
-            self.publish_time[rows],
             self.offset[rows],
             self.length[rows],
         )
@@ -153,11 +151,14 @@ def table(data: Bytes, starts: Indices) -> tuple[Messages, int]:
     rows = gather(data, starts, ROW)
     messages = Messages(
         data,
-        rows["channel"].astype(np.int64),
-        rows["sequence"].astype(np.int64),
+        rows["channel"].astype(np.int32),
         rows["log_time"].astype(np.int64),
-        rows["publish_time"].astype(np.int64),
         starts + ROW.itemsize,
-        rows["length"].astype(np.int64) - (ROW.itemsize - HEAD.size),
+        rows["length"].astype(np.int32) - np.int32(ROW.itemsize - HEAD.size),
     )
     return messages, int(np.count_nonzero(~long))
+
+
+def heads(messages: Messages) -> NDArray[Any]:
+    """The records' heads, a ROW each, while `data` still holds them before the payloads."""
+    return gather(messages.data, messages.offset - ROW.itemsize, ROW)

@@ -14,6 +14,7 @@ import pytest
 from mcap.writer import Writer
 
 from clt.errors import LogError, UsageError
+from clt.log import template
 from clt.log.load import load
 from clt.log.metadata import RUN, TEAM, encode_team
 from clt.log.schemas import ros2msg
@@ -182,6 +183,25 @@ def test_rows_that_are_no_numbers_are_dropped(loaded):
         (2, True),
     ]
     assert any("x.mcap: /R1/odom: 2 of 3 messages hold NaN" in f.text for f in recording.faults)
+
+
+def test_counting_takes_fewer_fields_and_finds_the_same(put, monkeypatch):
+    rows = ranges((1, 1, 2, 3.0), (1, 1, 2, 3.5), (2, 1, 7, NAN), (4, 1, 99, 1.0), (3, 1, 7, 5.0))
+    topics = {"/R1/uwb/range": rows, "/R2/uwb/range": ranges((1, 2, 1, 3.0))}
+    path = put(write_log(topics, [(TEAM, encode_team(TEAM_OF_THREE))]))
+    full = load(path).recording
+    asked = []
+    decode = template.decode
+    monkeypatch.setattr(template, "decode", lambda *a: asked.extend(a[2]) or decode(*a))
+    brief = load(path, brief=True).recording
+    assert set(asked) == {"stamp.sec", "stamp.nanosec", "source", "target", "range"}
+    assert brief.faults == full.faults
+    assert len(brief.faults) > 0
+    for name in ("stamp", "log_time", "source", "target", "range"):
+        expected = getattr(full.ranges, name)
+        np.testing.assert_array_equal(getattr(brief.ranges, name), expected)
+        assert len(expected) == 2
+    assert len(brief.ranges.sigma) == len(brief.ranges.raw) == len(brief.ranges.sequence) == 2
 
 
 def test_stamps_that_go_back_are_sorted(loaded):

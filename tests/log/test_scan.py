@@ -21,7 +21,7 @@ from mcap.writer import IndexType, Writer
 from clt.errors import LogError
 from clt.log.records import MAGIC, Document, Header, Metadata
 from clt.log.scan import Channel, Scan
-from clt.log.table import Messages
+from clt.log.table import Messages, heads
 from tests.log.logs import LZ4, NONE, ZSTD, range_message, small_log, write_log
 
 COMPRESSIONS = [NONE, LZ4, ZSTD]
@@ -45,12 +45,13 @@ def scan(data, stream=BytesIO):
         if isinstance(event, Channel):
             topics[event.number] = event.topic
         elif isinstance(event, Messages):
+            head = heads(event)
             rows += [
                 (
                     topics[event.channel[k]],
                     int(event.log_time[k]),
-                    int(event.publish_time[k]),
-                    int(event.sequence[k]),
+                    int(head["publish_time"][k]),
+                    int(head["sequence"][k]),
                     event.data[event.offset[k] : event.offset[k] + event.length[k]].tobytes(),
                 )
                 for k in range(len(event.channel))
@@ -439,5 +440,5 @@ def test_no_python_object_per_message():
     one = Scan(BytesIO(small_log()), "x")
     tables = [event for event in one if isinstance(event, Messages)]
     for table in tables:
-        for name in ("channel", "sequence", "log_time", "publish_time", "offset", "length"):
-            assert getattr(table, name).dtype == np.int64
+        for name in ("channel", "log_time", "offset", "length"):
+            assert getattr(table, name).dtype in {np.dtype(np.int32), np.dtype(np.int64)}

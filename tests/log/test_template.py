@@ -29,8 +29,9 @@ def messages(payloads, gap=b"\xaa\xbb\xcc"):
     data = gap + b"".join(payload + gap for payload in payloads)
     length = np.array([len(payload) for payload in payloads], np.int64)
     offset = len(gap) + np.cumsum(length + len(gap)) - length - len(gap)
-    zeros = np.zeros(len(payloads), np.int64)
-    return Messages(np.frombuffer(data, np.uint8), zeros, zeros, zeros, zeros, offset, length)
+    zeros = np.zeros(len(payloads), np.int32)
+    data = np.frombuffer(data, np.uint8)
+    return Messages(data, zeros, zeros.astype(np.int64), offset, length.astype(np.int32))
 
 
 def both(kind, payloads, paths, text=None, fallback=False):
