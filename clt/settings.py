@@ -96,7 +96,7 @@ def from_environment(
     environment = os.environ if environment is None else environment
     pairs: dict[str, Any] = {}
     for key in known_keys(model):
-        variable = _variable(key)
+        variable = PREFIX + _name(key)
         if variable in environment:
             try:
                 pairs[key] = literal(environment[variable])
@@ -110,17 +110,18 @@ def refuse_unknown_variables(
 ) -> None:
     """Raise UsageError for a `CLT_*` variable that is no key of any model, naming the nearest."""
     environment = os.environ if environment is None else environment
-    known = {_variable(key) for model in models for key in known_keys(model)}
+    known = {_name(key) for model in models for key in known_keys(model)}
     for variable in sorted(environment):
-        if variable.startswith(PREFIX) and variable not in known:
-            close = difflib.get_close_matches(variable, known, n=1, cutoff=0.7)
-            hint = f", did you mean `{close[0]}`?" if len(close) == 1 else ""
+        name = variable.removeprefix(PREFIX)
+        if variable.startswith(PREFIX) and name not in known:
+            close = difflib.get_close_matches(name, sorted(known), n=1, cutoff=0.6)
+            hint = f", did you mean `{PREFIX}{close[0]}`?" if len(close) == 1 else ""
             raise UsageError(f"environment variable {variable}: unknown key{hint}")
 
 
-def _variable(key: str) -> str:
-    """The environment variable of a dotted key."""
-    return PREFIX + key.replace(".", "__").upper()
+def _name(key: str) -> str:
+    """A dotted key as the name of an environment variable, without the prefix."""
+    return key.replace(".", "__").upper()
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

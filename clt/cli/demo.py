@@ -26,7 +26,9 @@ def demo(
 ) -> int:
     """Simulate, localize, evaluate and plot, and say where each file went.
 
-    Example: clt demo; then look at clt-demo/result.png
+    Examples:
+      clt demo
+      clt demo somewhere --force
     """
     import io
     import json

@@ -57,7 +57,9 @@ def evaluate(
 ) -> int:
     """Score estimates against the truth, dead reckoning beside them.
 
-    Examples: clt evaluate out.mcap;  clt evaluate run*.mcap --align se2 --json
+    Examples:
+      clt evaluate out.mcap
+      clt evaluate run*.mcap --align se2 --json -o runs.json
     """
     import json
 

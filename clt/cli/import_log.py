@@ -41,7 +41,9 @@ def import_log(
 ) -> int:
     """Turn a data set of another format into a log.
 
-    Example: clt import thu range_only_CL/20190418 -o thu.mcap --calibration calibration.toml
+    Examples:
+      clt import --list
+      clt import thu range_only_CL/20190418 -o thu.mcap --calibration calibration.toml
     """
     from clt.calibration import KEY, apply, read_calibration
     from clt.cli.console import Console

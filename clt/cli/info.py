@@ -16,7 +16,9 @@ def info(
 ) -> int:
     """Tell robots, pairs, rates, gaps, truth and faults of a log.
 
-    Examples: clt info run.mcap;  clt info bag.mcap --streams streams.toml --json
+    Examples:
+      clt info run.mcap
+      clt info bag.mcap --streams streams.toml --json
     """
     import json
 

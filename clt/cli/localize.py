@@ -55,8 +55,9 @@ def localize(
 ) -> int:
     """Estimate where every robot is, and how sure that is, from its ranges and odometry.
 
-    Examples: clt localize log.mcap -o out.mcap --init truth;
-    clt localize log.mcap -o out.mcap --init poses.toml --set noise.sigma_range=0.1
+    Examples:
+      clt localize log.mcap -o out.mcap
+      clt localize log.mcap -o out.mcap --init poses.toml --set noise.sigma_range=0.1
     """
     from time import perf_counter
 

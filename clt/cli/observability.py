@@ -11,6 +11,7 @@ from clt.cli.options import Force, Json, Quiet, Set, Verbose
 
 if TYPE_CHECKING:
     from clt.cli.console import Console
+    from clt.cli.inputs import Inputs
     from clt.filters.settings import FilterSettings
     from clt.observability.setup import Setup
     from clt.observability.windows import Windows
@@ -102,7 +103,10 @@ def observability(
             show(analysis, verbose=verbose)
         return console.code
     refuse(told | {name: text or None for name, text in conditions.items()}, "describe no LOG")
-    recording = read(log, streams, output, console, force=force)
+    from clt.cli.inputs import Inputs
+
+    inputs = Inputs.of(log, streams=streams)
+    recording = read(log, inputs, output, console, force=force)
     from clt.cli.localize import read_settings
     from clt.log.output import STDOUT
     from clt.observability.advice import setup_of
@@ -112,7 +116,7 @@ def observability(
     analysis = analyse(setup)
     found = along(recording, read_settings(None, sets), window, name, setup, console)
     if output is not None:
-        picture(output, found, [log], console, force=force, title=str(log))
+        picture(output, found, inputs, console, force=force, title=str(log))
     if as_json and output != STDOUT:
         print(json.dumps(document(log, analysis.as_dict(), found), allow_nan=False, indent=1))
     elif output != STDOUT:
@@ -198,18 +202,17 @@ def ego_of(frame: str, moving: list[str]) -> str | None:
 
 
 def read(
-    log: Path, streams: Path | None, output: Path | None, console: Console, *, force: bool
+    log: Path, inputs: Inputs, output: Path | None, console: Console, *, force: bool
 ) -> Recording:
     """Read a log once it is clear that its picture can be written."""
     from clt.errors import UsageError
     from clt.log.load import load
-    from clt.log.output import STDOUT, check
+    from clt.log.output import STDOUT
 
-    if output is not None:
-        if output != STDOUT and output.suffix.lower() not in FORMS:
-            raise UsageError(f"{output}: unknown kind of picture; use {', '.join(FORMS)}")
-        check(output, force, [log])
-    recording = load(log, streams, WANTED).recording
+    if output is not None and output != STDOUT and output.suffix.lower() not in FORMS:
+        raise UsageError(f"{output}: unknown kind of picture; use {', '.join(FORMS)}")
+    inputs.check(output, force)
+    recording = load(log, inputs["streams"], WANTED).recording
     console.report(recording.faults)
     return recording
 
@@ -236,16 +239,15 @@ def along(
 
 
 def picture(
-    output: Path, found: Windows, inputs: list[Path], console: Console, *, force: bool, title: str
+    output: Path, found: Windows, inputs: Inputs, console: Console, *, force: bool, title: str
 ) -> None:
     """Draw the windows."""
     from clt.log.output import STDOUT
-    from clt.log.output import output as open_output
     from clt.plots.figure import FORMS as KINDS
     from clt.plots.observability import draw
 
     form = KINDS[".png" if output == STDOUT else output.suffix.lower()]
-    with open_output(output, force, inputs) as file:
+    with inputs.output(output, force) as file:
         draw(file, form, found, title)
     if output != STDOUT:
         console.say(f"{output}: {found.rank.size} windows")

@@ -22,7 +22,9 @@ def plot(
 
     The output's suffix chooses the format: .png, .svg, .pdf or .html (one self-contained page).
 
-    Example: clt plot out.mcap -o out.png
+    Examples:
+      clt plot out.mcap -o out.png
+      clt plot out.mcap --align se2 -o out.html
     """
     import json
 

@@ -15,7 +15,8 @@ def recover(
 ) -> int:
     """Copy everything sound of a damaged log into a sound one, and say what was lost.
 
-    Example: clt recover cut.mcap -o saved.mcap
+    Examples:
+      clt recover cut.mcap -o saved.mcap
     """
     import json
 

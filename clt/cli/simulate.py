@@ -40,7 +40,9 @@ def simulate(
 ) -> int:
     """Simulate a team of robots: odometry, ranges and the truth go into a log.
 
-    Example: clt simulate shi-sim -o shi.mcap --seed 7 --set sensors.range.sigma=0.2
+    Examples:
+      clt simulate --list
+      clt simulate shi-sim -o shi.mcap --seed 7 --set sensors.range.sigma=0.2
     """
     from clt.cli.console import DONE, Console
 

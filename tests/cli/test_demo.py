@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,24 @@ def test_its_command_does_the_same(ran: tuple[Path, Result], tmp_path: Path) -> 
     assert len(first.ranges.raw) > 1000
     assert np.array_equal(first.ranges.raw, second.ranges.raw)
     assert first.run["seed"] == second.run["seed"] == "1"
+
+
+def test_the_result_records_the_command_that_is_shown(ran: tuple[Path, Result]) -> None:
+    folder, result = ran
+    shown = next(line for line in result.stdout.splitlines() if line.startswith("$ clt localize"))
+    recorded = load(folder / "result.mcap").recording.run["command"]
+    assert recorded == shown.removeprefix("$ ").removesuffix(f" -o {folder / 'result.mcap'}")
+
+
+def test_json_and_nothing_else(ran: tuple[Path, Result], tmp_path: Path) -> None:
+    folder, said = ran
+    result = clt("demo", tmp_path, "--json", "-q")
+    assert (result.exit_code, result.stderr) == (0, "")
+    told = json.loads(result.stdout)
+    assert [Path(path).name for path in told["files"].values()] == [FILES[2], FILES[0], FILES[1]]
+    shown = [line[2:] for line in said.stdout.splitlines() if line.startswith("$ ")]
+    assert told["commands"] == [line.replace(str(folder), str(tmp_path)) for line in shown]
+    assert told["evaluation"]["team"]["estimate"]["ape"]["rmse"] < 0.1
 
 
 def test_existing_files_are_kept(ran: tuple[Path, Result]) -> None:
