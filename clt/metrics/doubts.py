@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from clt.metrics.evaluation import Side
-from clt.metrics.tracks import Warned
+from clt.metrics.warned import Warned
 from clt.streams import Poses, Team
 
 LITTLE = 0.9

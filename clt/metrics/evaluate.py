@@ -14,7 +14,8 @@ from clt.metrics.errors import Delta
 from clt.metrics.evaluation import EvaluateOptions, Evaluation, Side
 from clt.metrics.register import Scene, choose, mirrors, register
 from clt.metrics.scores import score
-from clt.metrics.tracks import Warned, check_frames, clean, frame_of, in_frame
+from clt.metrics.tracks import check_frames, clean, frame_of, in_frame
+from clt.metrics.warned import Warned
 from clt.streams import Poses, Recording, Team
 
 

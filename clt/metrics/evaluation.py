@@ -11,7 +11,7 @@ from clt.metrics.associate import Association, Matched
 from clt.metrics.consistency import PairNis
 from clt.metrics.errors import Delta
 from clt.metrics.scores import Score
-from clt.metrics.tracks import Warned
+from clt.metrics.warned import Warned
 
 
 @dataclass(frozen=True)

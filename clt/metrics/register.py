@@ -15,7 +15,7 @@ import numpy as np
 from clt.errors import CltError, UsageError
 from clt.metrics.align import Align, Transform, first, fit, mirrored
 from clt.metrics.associate import Matched
-from clt.metrics.tracks import Warned
+from clt.metrics.warned import Warned
 from clt.streams import WORLD, Floats, Poses, Team
 
 FEW = 10

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,18 +11,10 @@ from numpy.typing import NDArray
 from clt.errors import CltError
 from clt.geometry import relative_pose
 from clt.metrics.associate import as_array, interpolate
+from clt.metrics.warned import Warned
 from clt.streams import Poses, Team
 
 BODY = "/base_link"
-
-
-@dataclass(frozen=True)
-class Warned:
-    """Something a user must know about an evaluation."""
-
-    text: str
-    partial: bool = False
-    """Data was unusable, or an estimate is missing or wrong: the command ends with code 3."""
 
 
 def ego_of(frame: str, names: tuple[str, ...]) -> str | None:
