@@ -34,7 +34,9 @@ def estimate(recording: Recording, start: Start, settings: FilterSettings) -> Re
         ranges=no_ranges(),
         frames=no_frames(),
         estimate=finite(posterior),
-        dead_reckoning={name: baseline[name] for name in finite(posterior)},
+        dead_reckoning={
+            name: baseline[name] for name in finite(posterior) if name in recording.odometry
+        },
         innovations=posterior.innovations,
     )
     return Result(start, posterior, result)

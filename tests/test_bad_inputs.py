@@ -516,7 +516,7 @@ def test_a_disk_that_fills_up_on_the_way_keeps_nothing(tmp_path):
         ("evaluate", "in.mcap"),
         ("evaluate", "in.mcap", "--json"),
         ("plot", "in.mcap", "-o", "-"),
-        ("localize", "in.mcap", "-o", "-"),
+        ("localize", "in.mcap", "--init", "truth", "-o", "-"),
         ("recover", "in.mcap", "-o", "-"),
         ("simulate", "shi-sim", "--duration", "1", "-o", "-"),
     ],
@@ -539,7 +539,7 @@ def test_standard_output_on_a_full_disk(tmp_path, words):
 def test_a_reader_that_leaves_early_is_no_traceback(tmp_path):
     (tmp_path / "in.mcap").write_bytes(sound("localize"))
     process = subprocess.Popen(
-        [sys.executable, "-m", "clt", "localize", "in.mcap", "-q", "-o", "-"],
+        [sys.executable, "-m", "clt", "localize", "in.mcap", "--init", "truth", "-q", "-o", "-"],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     process.stdout.close()

@@ -28,6 +28,10 @@ COMMANDS = {
         "Simulate, localize, evaluate and plot, and say where each file went.",
     ),
     "import": Row("clt.cli.import_log:import_log", "Turn a data set of another format into a log."),
+    "init": Row(
+        "clt.cli.init:init",
+        "Find the initial pose of every robot, or say why it cannot be told yet.",
+    ),
     "localize": Row(
         "clt.cli.localize:localize",
         "Estimate where every robot is, and how sure that is, from its ranges and odometry.",

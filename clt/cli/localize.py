@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 FILTERS = ("eskf",)
 FRAMES = ("world",)
-INITIALIZERS = ("auto", "truth")
 WANTED = frozenset({"odometry", "ranges", "truth"})
 
 
@@ -33,8 +32,9 @@ def localize(
     init: Annotated[
         str,
         typer.Option(
-            help="truth: from the ground truth. A TOML file: one table per robot with x, y, "
-            "heading and optionally sigma. auto: truth, for want of anything else."
+            help="motion: from the log's own ranges and odometry (Shi). truth: from the ground "
+            "truth. A TOML file: one table per robot with x, y, heading and optionally sigma. "
+            "auto: what the log records, else motion."
         ),
     ] = "auto",
     config: Annotated[
@@ -63,6 +63,7 @@ def localize(
 
     from clt.calibration import apply, read_calibration
     from clt.cli.console import Console
+    from clt.cli.initial import start_for
     from clt.cli.inputs import Inputs
     from clt.cli.localize_report import describe, tell
     from clt.errors import UsageError
@@ -89,7 +90,7 @@ def localize(
         recording = apply(recording, read_calibration(document))
     require_data(recording, str(log))
     clock.append(perf_counter())
-    start = initialize(recording, inputs["poses"] or init, settings, console)
+    start = start_for(recording, inputs["poses"] or init, settings, console)
     for line in advise(recording, start.poses, frame):
         console.warn(line)
     clock.append(perf_counter())
@@ -122,13 +123,14 @@ def choose(option: str, value: str, known: tuple[str, ...]) -> None:
 
 def poses_file(init: str) -> Path | None:
     """The file that `--init` names. Raises UsageError where it is neither that nor a method."""
+    from clt.cli.initial import METHODS
     from clt.errors import UsageError
     from clt.settings import nearest
 
-    if init in INITIALIZERS:
+    if init in METHODS:
         return None
     if not Path(init).exists():
-        raise UsageError(f"--init {init}: no such method or file{nearest(init, INITIALIZERS)}")
+        raise UsageError(f"--init {init}: no such method or file{nearest(init, METHODS)}")
     return Path(init)
 
 
@@ -159,26 +161,6 @@ def require_data(recording: Recording, log: str) -> None:
         raise CltError(
             f"{log}: no ranges found on /ROBOT/uwb/range; name their topics with --streams FILE"
         )
-
-
-def initialize(
-    recording: Recording, init: str | Document, settings: FilterSettings, console: Console
-) -> Start:
-    """Initial poses by the name of a method or from a TOML file."""
-    from clt.errors import CltError
-    from clt.init.poses import from_poses
-    from clt.init.truth import from_truth
-    from clt.settings import read_toml
-
-    if not isinstance(init, str):
-        return from_poses(recording, read_toml(init), str(init), settings.initial.sigma)
-    if init == "auto" and len(recording.truth) == 0:
-        raise CltError(
-            "the log has no ground truth to start from; give the initial poses with --init FILE"
-        )
-    if init == "auto":
-        console.say("initial poses: from the ground truth (--init truth)")
-    return from_truth(recording, settings.initial.sigma)
 
 
 def run_filter(

@@ -14,14 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from clt.init.mds import complete, scale
 from clt.init.pairs import Pairs
 from clt.streams import Floats
 
-OUTLIER = 4.0
-"""A mean distance that misses the layout by more standard deviations is an outlier."""
 RESTARTS = 12
 """Further starts where distances are missing or contradict each other."""
 RIGID = 1e-9
@@ -87,22 +85,15 @@ def lay_out(pairs: Pairs, n: int, known: Mapping[int, Floats]) -> Layout:
     known = known if len(known) >= 2 else {}
     problem = _problem(pairs, n, known)
     starts = _starts(pairs, n, known)
-    best = min((_fit(problem, start) for start in starts), key=lambda found: found[1])
+    best = min((_fit(problem, start) for start in starts), key=_cost)
     used = np.ones(pairs.a.size, np.bool_)
-    freedom = pairs.a.size - int(problem.free.sum())
-    doubtful = freedom > 0 and best[1] > float(chi2.ppf(0.999, freedom))
-    if doubtful or pairs.a.size < n * (n - 1) // 2:
+    if pairs.a.size < n * (n - 1) // 2 or _contradictory(problem, best):
         more = [_shaken(start, k) for start in starts for k in range(RESTARTS)]
-        fits = [best, *(_fit(problem, start, robust=doubtful) for start in more)]
-        best = min(fits, key=lambda found: found[1])
-        if doubtful:
-            used = np.abs(problem.residual(best[0])) <= OUTLIER
-            kept = replace(problem, pairs=_select(pairs, used))
-            if not used.all() and _well_posed(kept, best[0]):
-                best, problem = _fit(kept, kept.place(best[0])), kept
-            else:
-                used[:] = True
-                best = _fit(problem, problem.place(best[0]))
+        best = min([best, *(_fit(problem, start) for start in more)], key=_cost)
+        if _contradictory(problem, best):
+            robust = min((_fit(problem, s, robust=True) for s in (*starts, *more)), key=_cost)
+            best, used = _without_outliers(problem, best, problem.place(robust[0]))
+            problem = replace(problem, pairs=_select(pairs, used))
     position, covariance, rigid = _covariance(problem, *best)
     if len(known) < 2:
         position, covariance = _conventional(position, covariance)
@@ -187,6 +178,43 @@ def _fit(problem: _Problem, start: Floats, robust: bool = False) -> tuple[Floats
     return np.asarray(found.x), 2.0 * float(found.cost)
 
 
+def _without_outliers(
+    problem: _Problem, best: tuple[Floats, float], other: Floats
+) -> tuple[tuple[Floats, float], NDArray[np.bool_]]:
+    """The fit without as few distances as make the rest agree; with all of them if none do.
+
+    One after the other, that one is left out whose absence helps most, from two starts. At most
+    half as many as there are more distances than unknowns: agreement must mean something.
+    """
+    everything = np.ones(problem.pairs.a.size, np.bool_)
+    used, fit = everything.copy(), best
+    for _ in range((used.size - int(problem.free.sum())) // 2):
+        trials = []
+        for k in np.flatnonzero(used):
+            rest = used.copy()
+            rest[k] = False
+            kept = replace(problem, pairs=_select(problem.pairs, rest))
+            if _well_posed(kept, fit[0]):
+                fits = (_fit(kept, start) for start in (problem.place(fit[0]), other))
+                trials.append((min(fits, key=_cost), rest, kept))
+        if len(trials) == 0:
+            break
+        fit, used, kept = min(trials, key=lambda trial: trial[0][1])
+        if not _contradictory(kept, fit):
+            return fit, used
+    return best, everything
+
+
+def _cost(found: tuple[Floats, float]) -> float:
+    return found[1]
+
+
+def _contradictory(problem: _Problem, found: tuple[Floats, float], chance: float = 0.001) -> bool:
+    """The distances miss their best layout by more than chance would."""
+    freedom = problem.pairs.a.size - int(problem.free.sum())
+    return freedom > 0 and found[1] > float(chdtri(freedom, chance))
+
+
 def _select(pairs: Pairs, used: NDArray[np.bool_]) -> Pairs:
     return Pairs(pairs.a[used], pairs.b[used], pairs.distance[used], pairs.sigma[used])
 
@@ -213,10 +241,9 @@ def _covariance(
     values, vectors = np.linalg.eigh(J.T @ J)
     loose = values <= RIGID * max(float(values[-1]), 1e-12)
     inverse = np.where(loose, 0.0, 1.0 / np.where(loose, 1.0, values))
-    freedom = J.shape[0] - J.shape[1]
     off = 1.0
-    if freedom > 0 and cost > float(chi2.ppf(0.99, freedom)):
-        off = cost / freedom
+    if _contradictory(problem, (parameters, cost), 0.01):
+        off = cost / (J.shape[0] - J.shape[1])
     slots = np.flatnonzero(problem.free.ravel())
     covariance[np.ix_(slots, slots)] = off * (vectors * inverse) @ vectors.T
     swing = np.zeros(2 * n)
@@ -235,4 +262,4 @@ def _conventional(position: Floats, covariance: Floats) -> tuple[Floats, Floats]
     if off.size > 0 and position[off[0], 1] * sign[off[0], 1] < 0.0:
         sign[:, 1] *= -1.0
     flips = sign.ravel()
-    return position * sign, covariance * np.outer(flips, flips)
+    return position * sign + 0.0, covariance * np.outer(flips, flips)

@@ -17,11 +17,12 @@ from clt.filters.settings import FilterSettings
 from clt.geometry import wrap
 from clt.init.bank import Refined
 from clt.init.frame import Frame, survey
-from clt.init.phases import measured_noise, phases, standing
-from clt.init.search import search
+from clt.init.pairs import mean_distances
+from clt.init.phases import creeps, measured_noise, phases, standing
+from clt.init.search import Candidate, search
 from clt.init.start import InitialPose, Start, odometry_begin
 from clt.init.team import Combination, Verdict, judge_team, settle
-from clt.streams import Floats, Recording
+from clt.streams import WORLD, Floats, Recording, Team
 
 Status = Literal["ok", "ambiguous", "unobservable"]
 
@@ -30,6 +31,8 @@ CERTAIN = 0.99
 AGAIN = 3.0
 """The filter that follows sees the same ranges once more. It starts from this many times the
 standard deviation, so that their information counts 1.1 times, not twice."""
+DRIFT, TOLERANCE = 5.0, 0.01
+"""Standard deviations, and m beyond them, by which a standing robot's ranges may change."""
 BAD_NIS = 4.0
 """Mean NIS beyond which ranges and odometry contradict each other."""
 REMEDY = "give poses in a TOML file instead (--init FILE)"
@@ -67,19 +70,32 @@ class Initialization:
     robots: Mapping[str, RobotStatus]
     """All robots of the team that could take part."""
     notes: tuple[str, ...] = ()
+    again: float = AGAIN
+    """By how much `start` widens the standard deviations."""
+    frame: str = WORLD
+    """Id of the frame that the poses stand in."""
 
     @property
     def start(self) -> Start:
-        """What a filter takes that will see the same ranges again: robots that are `ok`.
-
-        Raises CltError where no moving robot is.
-        """
+        """What a filter takes that will see the same ranges again: the robots that are `ok`."""
         poses = {
-            name: InitialPose(robot.pose.mean, AGAIN**2 * robot.pose.covariance)
+            name: InitialPose(robot.pose.mean, self.again**2 * robot.pose.covariance)
             for name, robot in self.robots.items()
             if robot.status == "ok" and robot.pose is not None
         }
-        return Start(self.stamp, poses)
+        return Start(self.stamp, poses, self.frame)
+
+
+def as_given(start: Start, team: Team, lack: str) -> Initialization:
+    """Poses that somebody else vouches for, from no range of the log; others `lack` them."""
+    robots = {
+        robot.name: RobotStatus("ok", start.poses[robot.name])
+        if robot.name in start.poses
+        else RobotStatus("unobservable", None, why=f"{robot.name} has no {lack}")
+        for robot in team.robots
+        if robot.name in start.poses or not robot.static
+    }
+    return Initialization(start.stamp, True, robots, again=1.0, frame=start.frame)
 
 
 def from_motion(recording: Recording, settings: FilterSettings) -> Initialization:
@@ -137,13 +153,45 @@ def from_motion(recording: Recording, settings: FilterSettings) -> Initializatio
 
 
 def standstill(recording: Recording, name: str, begin: int, settings: FilterSettings) -> int:
-    """Until when (ns) a robot stands still from `begin` on; `begin` if it moves at once."""
+    """Until when (ns) a robot stands still from `begin` on; `begin` if it moves at once.
+
+    What creeps, below the noise of single samples, gives itself away over the whole time.
+    """
     odometry, team = recording.odometry[name], recording.team
     noise = measured_noise(odometry, team.robots[team.index(name)], settings.noise)
     for phase in phases(standing(odometry, noise), odometry, 0.0):
         if phase.begin <= begin < phase.end:
-            return phase.end
+            creeping = creeps(odometry, noise, phase) or drifts(
+                recording, name, begin, phase.end, settings
+            )
+            return begin if creeping else phase.end
     return begin
+
+
+def drifts(recording: Recording, name: str, begin: int, end: int, settings: FilterSettings) -> bool:
+    """The ranges of a robot to static ones differ between the halves of a time."""
+    team, middle = recording.team, (begin + end) // 2
+    me = team.index(name)
+    static = [team.index(robot.name) for robot in team.static]
+    halves = [
+        mean_distances(recording, [me, *static], *span, settings.noise)
+        for span in ((begin, middle), (middle, end))
+    ]
+    first, second = (
+        {
+            (a, b): (d, s)
+            for a, b, d, s in zip(
+                half.a.tolist(), half.b.tolist(), half.distance, half.sigma, strict=True
+            )
+            if me in {a, b}
+        }
+        for half in halves
+    )
+    return any(
+        abs(d - second[pair][0]) > DRIFT * float(np.hypot(s, second[pair][1])) + TOLERANCE
+        for pair, (d, s) in first.items()
+        if pair in second
+    )
 
 
 def ambiguous(name: str, verdict: Verdict) -> RobotStatus:
@@ -159,10 +207,10 @@ def ambiguous(name: str, verdict: Verdict) -> RobotStatus:
     return RobotStatus("ambiguous", pose_of(best.pose), probability, why, others(shares))
 
 
-def others(shares: tuple[tuple[object, float], ...]) -> tuple[Alternative, ...]:
+def others(shares: tuple[tuple[Candidate, float], ...]) -> tuple[Alternative, ...]:
     """All but the first of a robot's possible poses."""
     return tuple(
-        Alternative(_wrapped(candidate.pose.mean), probability)  # type: ignore[attr-defined]
+        Alternative(_wrapped(candidate.pose.mean), probability)
         for candidate, probability in shares[1:]
     )
 

@@ -11,6 +11,7 @@ from clt.filters.inputs import (
     DEFAULT_SIGMA_RANGE,
     LEAST_SIGMA_RANGE,
     correlated_variance,
+    correlation_time,
     first_known,
 )
 from clt.filters.settings import Noise
@@ -64,7 +65,8 @@ def mean_distances(
     low = np.minimum(ranges.source[rows], ranges.target[rows])
     high = np.maximum(ranges.source[rows], ranges.target[rows])
     key = low * size + high
-    weight = 1.0 / correlated_variance(variance, ranges.stamp[rows], key, noise.correlation_time)
+    tau = correlation_time(noise, recording.team)
+    weight = 1.0 / correlated_variance(variance, ranges.stamp[rows], key, tau)
     keys = np.unique(key)
     means = np.array(
         [

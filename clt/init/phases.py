@@ -22,8 +22,10 @@ WINDOW, FEWEST = 1.0, 5
 """Seconds of M samples, and the fewest of them."""
 STRAIGHT = 2.0
 """gamma / sigma^2: below it for omega and above it for v a robot drives straight."""
-STANDING, MEAN = 2.5, 3.5
+STANDING, MEAN = 3.0, 4.0
 """Largest energy / sigma^2 and mean / (sigma / sqrt(M)) of a robot that stands still."""
+BIAS_V, BIAS_OMEGA = 0.005, 0.02
+"""What odometry may show on average while a robot stands, m/s and rad/s."""
 LEAST_NOISE = 1e-3
 """No wheel is quieter than this while it turns, m/s and rad/s."""
 
@@ -88,6 +90,16 @@ def standing(odometry: Odometry, noise: OdometryNoise) -> Mask:
         quiet &= moving_mean(column**2, m) < STANDING * sigma**2
         quiet &= np.abs(moving_mean(column, m)) < MEAN * sigma / np.sqrt(m)
     return _every_window(quiet, m, odometry.v.size)
+
+
+def creeps(odometry: Odometry, noise: OdometryNoise, phase: Phase) -> bool:
+    """A robot moves throughout a phase, if slowly: its mean twist is no chance and no bias."""
+    part = slice(phase.first, phase.last + 1)
+    root = (phase.last + 1 - phase.first) ** 0.5
+    return bool(
+        abs(float(np.mean(odometry.v[part]))) > MEAN * noise.v / root + BIAS_V
+        or abs(float(np.mean(odometry.omega[part]))) > MEAN * noise.omega / root + BIAS_OMEGA
+    )
 
 
 def straight(odometry: Odometry, noise: OdometryNoise) -> Mask:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clt.filters.inputs import correlated_variance
+from clt.filters.inputs import correlated_variance, correlation_time
 from clt.filters.settings import FilterSettings
 from clt.geometry import rotation
 from clt.init.bank import Refined, hypotheses, judge, probabilities, refine
@@ -243,7 +243,7 @@ def _binned(
         range_sigma(recording, settings.noise)[rows] ** 2,
         ranges.stamp[rows],
         other[rows],
-        settings.noise.correlation_time,
+        correlation_time(settings.noise, team),
     )
     slot = (ranges.stamp[rows] - begin - 1) // BIN
     size = int(slot.max()) + 1 if rows.size > 0 else 0

@@ -60,8 +60,12 @@ def diverged(estimate: Side, baseline: Side) -> list[Warned]:
     return warnings
 
 
-def doubts(names: Sequence[str], side: Side) -> list[Warned]:
-    """Of robots with estimate and truth: few matches, unknown headings, singular covariances."""
+def doubts(names: Sequence[str], side: Side, team: Team) -> list[Warned]:
+    """Of robots with estimate and truth: few matches, unknown headings, singular covariances.
+
+    A static robot that lies on an axis of the frame by definition has a singular one by right.
+    """
+    static = {robot.name for robot in team.static}
     warnings: list[Warned] = []
     for name in names:
         if name not in side.scores:
@@ -75,7 +79,7 @@ def doubts(names: Sequence[str], side: Side) -> list[Warned]:
             whose = "truth" if np.all(np.isnan(matched.truth[:, 2])) else "estimate"
             text = f"{name}: the {whose} has no heading; no heading error, RPE or ANEES"
             warnings.append(Warned(text))
-        if figures.singular > RARE * figures.matched:
+        if figures.singular > RARE * figures.matched and name not in static:
             text = f"{name}: {figures.singular} of {figures.matched} covariances are singular"
             warnings.append(Warned(f"{text}, left out of ANEES"))
     return warnings

@@ -65,7 +65,7 @@ def evaluate(recording: Recording, options: EvaluateOptions | None = None) -> Ev
             *lost,
             *unaligned,
             *missing(recording.team, truth, estimates, targets),
-            *doubts([name for name in estimates if name in targets], estimate),
+            *doubts([name for name in estimates if name in targets], estimate, recording.team),
             *diverged(estimate, dead_reckoning),
             *([] if mirror is None else [mirror]),
         ),

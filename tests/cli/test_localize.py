@@ -95,7 +95,7 @@ def test_says_where_everybody_ends(clt):
     code, out, err = clt(*LOCALIZE)
     assert (code, out) == (0, "")
     lines = [line for line in err.splitlines() if not line.startswith("compiling")]
-    assert lines[0] == "initial poses: from the ground truth (--init truth)"
+    assert lines[0] == "initial poses: from motion, in the frame of the surveyed positions"
     assert lines[1].startswith("out.mcap: 3 robots, 720 ranges, ")
     assert [line.split()[0] for line in lines[2:]] == ["R3", "R4", "R5"]
     assert clt(*LOCALIZE, "--init", "truth", "--force", "-q") == (0, "", "")
@@ -219,13 +219,15 @@ def test_truth_is_needed_only_to_start_from_it(clt, tmp_path, poses):
     recording = load(tmp_path / "in.mcap").recording
     with (tmp_path / "bare.mcap").open("wb") as file:
         save(file, replace(recording, truth={}), {})
-    code, _, err = clt("localize", "bare.mcap", "-o", "out.mcap")
+    code, _, err = clt("localize", "bare.mcap", "-o", "out.mcap", "--init", "truth")
     assert code == 1
-    assert err == (
-        "clt: error: the log has no ground truth to start from; give the initial poses with "
-        "--init FILE\n"
-    )
+    assert err.startswith("clt: error: no ground truth for R3")
     assert clt("localize", "bare.mcap", "-o", "out.mcap", "--init", "poses.toml")[0] == 0
+    assert clt("localize", "bare.mcap", "-o", "auto.mcap")[0] == 0
+    assert clt("localize", "in.mcap", "-o", "motion.mcap", "--init", "motion")[0] == 0
+    bare, full = (load(tmp_path / f"{name}.mcap").recording for name in ("auto", "motion"))
+    for name, track in full.estimate.items():
+        assert bare.estimate[name].x.tolist() == track.x.tolist()
 
 
 def test_a_robot_without_a_pose_is_named_and_the_others_are_localized(clt, tmp_path):

@@ -1,0 +1,154 @@
+"""`clt init`: where every robot starts, how sure that is, and which cannot be told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from clt.cli.options import Force, Json, Log, Quiet, Set, Verbose
+
+if TYPE_CHECKING:
+    from clt.init.motion import Initialization, RobotStatus
+
+HEADER = """\
+# Initial poses by `clt init --method {method}`, for `clt localize --init FILE` on the same log.
+# x, y, sigma[0], sigma[1] in m, heading, sigma[2] in rad.
+"""
+WIDENED = """\
+# As the filter will see the same ranges again, sigma is {factor:g} times the standard deviation.
+"""
+
+
+def init(
+    log: Log,
+    method: Annotated[
+        str,
+        typer.Option(
+            help="motion: from ranges and odometry alone (Shi). truth: from the ground truth. "
+            "auto: what the log records, else motion."
+        ),
+    ] = "auto",
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Poses (TOML) for localize --init."),
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Settings (TOML), the keys of --set.")
+    ] = None,
+    sets: Set = [],  # noqa: B006 - typer copies it
+    calibration: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Calibration (TOML) to apply first.")
+    ] = None,
+    streams: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Roles of a foreign log's topics (TOML).")
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Find the initial pose of every robot, or say why it cannot be told yet.
+
+    Examples:
+      clt init log.mcap
+      clt init log.mcap --method motion -o poses.toml --json
+    """
+    import json
+
+    from clt.calibration import apply, read_calibration
+    from clt.cli.console import Console
+    from clt.cli.initial import METHODS, find
+    from clt.cli.inputs import Inputs
+    from clt.cli.localize import WANTED, choose, read_settings, require_data
+    from clt.errors import UsageError
+    from clt.log.load import load
+    from clt.log.output import STDOUT
+
+    console = Console(quiet, verbose)
+    choose("--method", method, METHODS)
+    if as_json and output == STDOUT:
+        raise UsageError("--json and -o - both want standard output; name a file")
+    inputs = Inputs.of(log, config=config, calibration=calibration, streams=streams)
+    inputs.check(output, force)
+    settings = read_settings(inputs["config"], sets)
+    loaded = load(log, inputs["streams"], WANTED)
+    console.report(loaded.recording.faults)
+    recording = loaded.recording
+    if (given := inputs["calibration"]) is not None:
+        recording = apply(recording, read_calibration(given))
+    require_data(recording, str(log))
+    used, found = find(recording, method, settings, console)
+    if output is not None:
+        with inputs.output(output, force) as file:
+            file.write(poses_toml(used, found).encode())
+    if as_json:
+        print(json.dumps(document(used, found), allow_nan=False))
+    elif output != STDOUT:
+        show(found)
+    return console.code
+
+
+def document(method: str, found: Initialization) -> dict[str, Any]:
+    """The object that `clt init --json` prints; null where not even a guess is possible."""
+    robots = {}
+    for name, robot in found.robots.items():
+        pose = robot.pose
+        mean = [None] * 3 if pose is None else [float(value) for value in pose.mean]
+        robots[name] = {
+            "x": mean[0],
+            "y": mean[1],
+            "heading": mean[2],
+            "covariance": None if pose is None else pose.covariance.tolist(),
+            "stamp_ns": found.stamp,
+            "status": robot.status,
+            "probability": robot.probability,
+            "why": robot.why,
+            "alternatives": [
+                {
+                    "x": float(other.mean[0]),
+                    "y": float(other.mean[1]),
+                    "heading": float(other.mean[2]),
+                    "probability": other.probability,
+                }
+                for other in robot.alternatives
+            ],
+        }
+    return {"method": method, "frame": found.frame, "surveyed": found.surveyed, "robots": robots}
+
+
+def show(found: Initialization) -> None:
+    """A line per robot on standard output."""
+    print(f"{'robot':<8} {'x, m':>9} {'y, m':>9} {'heading':>10}  sigma (m, m, deg)    status")
+    for name, robot in found.robots.items():
+        print(f"{name:<8} {numbers(robot)}  {robot.status}")
+
+
+def numbers(robot: RobotStatus) -> str:
+    """Pose and standard deviations of one robot, in columns."""
+    from math import degrees
+
+    if robot.pose is None:
+        return f"{'-':>9} {'-':>9} {'-':>10}  {'-':<19}"
+    x, y, heading = (float(value) for value in robot.pose.mean)
+    s_x, s_y, s_heading = (float(v) for v in robot.pose.covariance.diagonal().clip(0.0) ** 0.5)
+    sigma = f"{s_x:.3f}, {s_y:.3f}, {degrees(s_heading):.2f}"
+    return f"{x:9.3f} {y:9.3f} {degrees(heading):6.1f} deg  {sigma:<19}"
+
+
+def poses_toml(method: str, found: Initialization) -> str:
+    """A TOML of the poses that are certain, as `clt localize --init FILE` reads it."""
+    import tomli_w
+
+    tables = {
+        name: {
+            "x": float(pose.mean[0]),
+            "y": float(pose.mean[1]),
+            "heading": float(pose.mean[2]),
+            "sigma": [float(value) for value in pose.covariance.diagonal().clip(0.0) ** 0.5],
+        }
+        for name, pose in found.start.poses.items()
+    }
+    widened = WIDENED.format(factor=found.again) if found.again != 1.0 else ""
+    return HEADER.format(method=method) + widened + tomli_w.dumps(tables)

@@ -1,0 +1,88 @@
+"""How `clt localize` and `clt init` come by initial poses, and what they say about them."""
+
+from __future__ import annotations
+
+from math import degrees
+
+from clt.cli.compiling import announced
+from clt.cli.console import Console
+from clt.document import Document
+from clt.errors import CltError
+from clt.filters.settings import FilterSettings
+from clt.init.motion import Initialization, as_given, from_motion
+from clt.init.poses import from_poses
+from clt.init.recorded import from_record
+from clt.init.start import Start
+from clt.init.truth import from_truth
+from clt.settings import read_toml
+from clt.streams import Recording
+
+METHODS = ("auto", "motion", "truth")
+
+
+def find(
+    recording: Recording, method: str, settings: FilterSettings, console: Console
+) -> tuple[str, Initialization]:
+    """Initial poses by a method of METHODS, and the method that `auto` chose.
+
+    Says which robots cannot be told. Raises CltError where nothing can be initialized at all.
+    """
+    if method == "truth":
+        start = from_truth(recording, settings.initial.sigma)
+        found = as_given(start, recording.team, "truth with heading, or no odometry, at the start")
+        missing(found, console)
+        return method, found
+    recorded = from_record(recording) if method == "auto" else None
+    if recorded is not None:
+        console.say("initial poses: from the log's own record")
+        return "record", as_given(recorded, recording.team, "initial pose in the record")
+    with announced(console):
+        found = from_motion(recording, settings)
+    report(found, recording, console)
+    return "motion", found
+
+
+def start_for(
+    recording: Recording, init: str | Document, settings: FilterSettings, console: Console
+) -> Start:
+    """The start of a filter by one of METHODS or from a TOML file.
+
+    Raises UsageError for a file that makes no sense, CltError where no robot can be initialized.
+    """
+    if isinstance(init, Document):
+        return from_poses(recording, read_toml(init), str(init), settings.initial.sigma)
+    _, found = find(recording, init, settings, console)
+    return start_of(found, recording)
+
+
+def start_of(found: Initialization, recording: Recording) -> Start:
+    """The poses of the robots that are certain. Raises CltError if no moving one is."""
+    start = found.start
+    if not any(name in recording.odometry for name in start.poses):
+        raise CltError(
+            "no robot can be initialized from motion (the reasons are above); "
+            "give poses in a TOML file (--init FILE) or start from the ground truth (--init truth)"
+        )
+    return start
+
+
+def missing(found: Initialization, console: Console) -> None:
+    """Say which robots have no certain pose, and why."""
+    for robot in found.robots.values():
+        if robot.status != "ok":
+            console.warn(f"{robot.status}: {robot.why}", partial=True)
+
+
+def report(found: Initialization, recording: Recording, console: Console) -> None:
+    """Say which robots start where, and which cannot be told and why."""
+    frame = "the surveyed positions" if found.surveyed else "ranges (Shi's convention)"
+    console.say(f"initial poses: from motion, in the frame of {frame}")
+    for note in found.notes:
+        console.warn(note)
+    missing(found, console)
+    for name, robot in found.robots.items():
+        if robot.status == "ok" and robot.pose is not None and name in recording.odometry:
+            x, y, heading = robot.pose.mean
+            console.detail(
+                f"  {name} starts at x {x:.3f} m, y {y:.3f} m, heading {degrees(heading):.1f} deg"
+            )

@@ -1,0 +1,56 @@
+"""Initial poses that a log itself brings along: `initial_poses` in its `clt.run` metadata."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from clt.errors import LogError
+from clt.init.start import InitialPose, Start
+from clt.streams import Recording
+
+KEY = "initial_poses"
+Row = Annotated[list[float], Field(min_length=3, max_length=3)]
+
+
+class RecordedPose(BaseModel):
+    """One robot's pose as `clt localize` records it."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+    x: float
+    y: float
+    heading: float
+    covariance: Annotated[list[Row], Field(min_length=3, max_length=3)]
+    stamp_ns: int
+
+
+def from_record(recording: Recording) -> Start | None:
+    """The start that the log's metadata tells, if it does so for a robot with odometry.
+
+    Raises LogError for metadata that cannot be read.
+    """
+    text = recording.run.get(KEY)
+    if text is None:
+        return None
+    try:
+        poses = TypeAdapter(dict[str, RecordedPose]).validate_python(json.loads(text))
+    except (ValidationError, json.JSONDecodeError):
+        raise LogError(f"the log's metadata clt.run: `{KEY}` is not a table of poses") from None
+    names = [name for name in poses if name in recording.team.names]
+    stamps = {poses[name].stamp_ns for name in names}
+    if len(stamps) != 1 or not any(name in recording.odometry for name in names):
+        return None
+    return Start(
+        stamps.pop(),
+        {
+            name: InitialPose(
+                np.array([poses[name].x, poses[name].y, poses[name].heading]),
+                np.array(poses[name].covariance),
+            )
+            for name in names
+        },
+    )
