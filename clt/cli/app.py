@@ -52,6 +52,10 @@ COMMANDS = {
         "clt.cli.plot:plot",
         "Draw trajectories, errors with their 3-sigma bounds, and range innovations.",
     ),
+    "range": Row(
+        "clt.cli.range_log:range_log",
+        "Turn the packets of a UWB broadcast network into ranges, as each robot would.",
+    ),
     "info": Row("clt.cli.info:info", "Tell robots, pairs, rates, gaps, truth and faults of a log."),
     "recover": Row(
         "clt.cli.recover:recover",

@@ -61,7 +61,7 @@ def init(
     from clt.cli.console import Console
     from clt.cli.initial import METHODS, find
     from clt.cli.inputs import Inputs
-    from clt.cli.localize import WANTED, choose, read_settings, require_data
+    from clt.cli.localize import WANTED, choose, read_settings, require_data, with_ranges
     from clt.errors import UsageError
     from clt.log.load import load
     from clt.log.output import STDOUT
@@ -75,7 +75,7 @@ def init(
     settings = read_settings(inputs["config"], sets)
     loaded = load(log, inputs["streams"], WANTED)
     console.report(loaded.recording.faults)
-    recording = loaded.recording
+    recording = with_ranges(loaded.recording, console)
     if (given := inputs["calibration"]) is not None:
         recording = apply(recording, read_calibration(given))
     require_data(recording, str(log))

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 FILTERS = ("eskf",)
 FRAMES = ("world",)
-WANTED = frozenset({"odometry", "ranges", "truth"})
+WANTED = frozenset({"odometry", "ranges", "frames", "truth"})
 
 
 def localize(
@@ -85,7 +85,7 @@ def localize(
     clock = [perf_counter()]
     loaded = load(log, inputs["streams"], WANTED)
     console.report(loaded.recording.faults)
-    recording = loaded.recording
+    recording = with_ranges(loaded.recording, console)
     if (document := inputs["calibration"]) is not None:
         recording = apply(recording, read_calibration(document))
     require_data(recording, str(log))
@@ -147,6 +147,15 @@ def read_settings(config: Path | Document | None, sets: list[str]) -> FilterSett
     for key, value in assignments(sets).items():
         assign(tree, key, value)
     return parse(FilterSettings, tree, "--set")
+
+
+def with_ranges(recording: Recording, console: Console) -> Recording:
+    """The recording; a log of raw packets is ranged first, as `clt range` does."""
+    if recording.ranges.stamp.size > 0 or recording.frames.stamp.size == 0:
+        return recording
+    from clt.cli.ranging_report import ranged
+
+    return ranged(recording, console)
 
 
 def require_data(recording: Recording, log: str) -> None:

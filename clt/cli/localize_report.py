@@ -33,7 +33,7 @@ def describe(
         }
         for name, pose in result.start.poses.items()
     }
-    kept = {key: earlier[key] for key in ("calibration", "seed") if key in earlier}
+    kept = {key: earlier[key] for key in ("calibration", "seed", "ranging") if key in earlier}
     return kept | run_record(
         inputs,
         **choices,

@@ -18,6 +18,7 @@ from clt.log.ranging import index_of_id
 from clt.log.reader import Log
 from clt.log.roles import Stream
 from clt.log.schemas import ros2msg
+from clt.log.template import Column
 from clt.streams import Frames, Indices, Team, no_frames
 from clt.ticks import SPAN
 
@@ -72,7 +73,6 @@ def frame_channel(team: Team, source: int, frames: Frames) -> Channel:
             "neighbour": neighbour,
             "neighbour_sequence": padded(frames.heard[chosen][:, others] % 2**32),
             "receive": padded(receive),
-            "received_power": np.nan,
         }
 
     size = np.full(rows.size, len(form.template))
@@ -125,19 +125,22 @@ def _part(log: Log, data: Table, team: Team) -> Frames:
     strange = source[rows] < 0
     rows = rows[tidy.drop(faults, place, "unknown", strange, "packets name an unknown sender")]
     heard = data.column("heard").astype(np.bool_)
-    ticks = [_ticks(data, name) for name in ("transmit", "odometry_stamp", "receive")]
-    wrong = (ticks[0] < 0) | (carried & (ticks[1] < 0)) | (heard & (ticks[2] < 0)).any(axis=1)
+    used = np.flatnonzero(heard.any(axis=0))  # of the places, most of which are empty
+    heard = heard[:, used]
+    transmit, measured = (_ticks(data.column(name)) for name in ("transmit", "odometry_stamp"))
+    received = _ticks(data.column("receive")[:, used])
+    wrong = (transmit < 0) | (carried & (measured < 0)) | (heard & (received < 0)).any(axis=1)
     rows = rows[tidy.drop(faults, place, "ticks", wrong[rows], "packets hold no 40-bit stamps")]
     rows = rows[tidy.sorted_rows(faults, place, data.stamp[rows])]
     rows = rows[tidy.first_of_each(faults, place, data.stamp[rows])]
     receive = np.full((rows.size, len(team.robots)), -1, np.int64)
     sequence = receive.copy()
-    neighbour = index[data.column("neighbour")[rows].astype(np.int64)]
-    told = data.column("neighbour_sequence")[rows].astype(np.int64)
+    neighbour = index[data.column("neighbour")[:, used][rows].astype(np.int64)]
+    told = data.column("neighbour_sequence")[:, used][rows]
     good = heard[rows] & (neighbour >= 0) & (neighbour != source[rows][:, None])
-    for column in np.flatnonzero(good.any(axis=0)):
+    for column in range(used.size):
         some = np.flatnonzero(good[:, column])
-        receive[some, neighbour[some, column]] = ticks[2][rows[some], column]
+        receive[some, neighbour[some, column]] = received[rows[some], column]
         sequence[some, neighbour[some, column]] = told[some, column]
     lost = int(np.count_nonzero(heard[rows] & ~good))
     if lost > 0:
@@ -149,16 +152,16 @@ def _part(log: Log, data: Table, team: Team) -> Frames:
         data.messages.log_time[rows],
         source[rows],
         data.column("sequence")[rows].astype(np.int64),
-        ticks[0][rows],
+        transmit[rows],
         receive,
         sequence,
-        np.where(valid, ticks[1][rows], -1),
+        np.where(valid, measured[rows], -1),
         np.where(valid, v[rows], np.nan),
         np.where(valid, omega[rows], np.nan),
     )
 
 
-def _ticks(data: Table, name: str) -> Indices:
-    """A field of counter readings; -1 for what no 40-bit counter shows."""
-    values = data.column(name).astype(np.uint64)
-    return np.where(values < SPAN, values, 0).astype(np.int64) - (values >= SPAN)
+def _ticks(column: Column) -> Indices:
+    """Counter readings; -1 for what no 40-bit counter shows."""
+    values = column.astype(np.int64)  # from 2^63 on negative
+    return np.where(values < SPAN, values, -1)

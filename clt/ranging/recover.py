@@ -1,0 +1,198 @@
+"""From a log of raw packets to one of ranges and odometry, and what was learnt on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from clt.errors import CltError
+from clt.ranging import clock, double_sided
+from clt.ranging.measured import Measured
+from clt.ranging.noise import correlation_time, period, stamp_variance
+from clt.ranging.odometry import odometry
+from clt.ranging.smooth import smooth
+from clt.ranging.timebase import departures, earlier
+from clt.ranging.unwrap import Network, unwrap
+from clt.streams import Floats, Frames, Indices, Ranges, Recording, Stamps, Team, no_frames
+from clt.ticks import SPEED
+
+Method = Literal["auto", "clock", "double-sided"]
+METHODS: tuple[Method, ...] = ("auto", "clock", "double-sided")
+CLEARLY = 0.9
+"""Clock filters are chosen where their sigma is below this share of double-sided ranging's."""
+GRAIN = 2.0**-17
+"""8 um; a tick is 5 mm."""
+HEAD = 20_000
+"""Packets on which both methods are tried."""
+ENOUGH = 2000
+"""Values from which percentiles are taken."""
+COMMON_CLOCK = "the listener's clock, each robot's by regression"
+
+
+@dataclass(frozen=True)
+class PairClock:
+    """What is known of the clocks of one pair a < b."""
+
+    ranges: int
+    rejected: int
+    """Packets that the pair's filters, or jumps of a clock, rejected."""
+    offset: float
+    """C_a - C_b of the unwrapped 40-bit counters at the last range, s."""
+    skew: float
+    """Rate of a's clock over b's minus 1: median over the log."""
+    skew_range: tuple[float, float]
+    """The 5th and 95th percentile of it."""
+    stamp_sigma: float
+    """Noise of a receive stamp, mean of both ways, s."""
+    sigma: float
+    """Of a range, median, m."""
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """A recording with ranges and odometry in place of packets."""
+
+    recording: Recording
+    method: Literal["clock", "double-sided"]
+    why: str
+    """Of the method, for people."""
+    rate: float
+    """Frames per second."""
+    correlation_time: float
+    """Of the errors of one pair's ranges, s."""
+    clocks: Mapping[tuple[str, str], PairClock]
+
+
+def recover(
+    recording: Recording, method: Method = "auto", length: int = 1, sigma: float | None = None
+) -> Recovered:
+    """Range a recording of packets.
+
+    `length` > 1 smooths as Shi does; `sigma` is the noise of a receive stamp (s) where it is
+    known, by default it is measured. Odometry that the recording has on topics stays.
+    Raises CltError for a recording without packets, or whose packets give no range.
+    """
+    frames, team = recording.frames, recording.team
+    if frames.stamp.size == 0:
+        raise CltError("no UWB packets found on /ROBOT/uwb/frame; nothing to range")
+    network = unwrap(frames)
+    R = stamp_variance(network, sigma)
+    dt = period(network, frames.stamp)
+    chosen, measured, rejected, why = _choose(network, R, _wander(team), method, dt)
+    if measured.row.size == 0:
+        raise CltError(
+            f"{frames.stamp.size} UWB packets give no range: no two robots heard each other's "
+            "packets in turn"
+        )
+    times = departures(frames.source, network.sent, frames.stamp)
+    ranges = _ranges(frames, network, measured, times)
+    tau = _correlation_time(R, measured, dt) if chosen == "clock" else 0.0
+    if length > 1:
+        ranges, tau = smooth(ranges, len(team.robots), length, tau)
+    carried = {
+        robot.name: odometry(frames, network, times, index)
+        for index, robot in enumerate(team.robots)
+    }
+    told = {name: stream for name, stream in carried.items() if stream is not None}
+    return Recovered(
+        replace(
+            recording,
+            team=replace(team, range_correlation=tau),
+            odometry={**told, **recording.odometry},
+            ranges=ranges,
+            frames=no_frames(),
+        ),
+        chosen,
+        why,
+        1.0 / dt,
+        tau,
+        _clocks(team.names, measured, rejected, R),
+    )
+
+
+def _choose(
+    network: Network, R: Floats, wander: Floats, method: Method, dt: float
+) -> tuple[Literal["clock", "double-sided"], Measured, Indices, str]:
+    """Range by the method asked for, else by the one whose ranges are surer."""
+    if method == "clock":
+        return "clock", *clock.run(network, R), "as asked"
+    if method == "double-sided":
+        return "double-sided", *double_sided.run(network, R, wander), "as asked"
+    head = Network(*(column[:HEAD] for column in network))
+    filters, both = clock.run(head, R)[0], double_sided.run(head, R, wander)[0]
+    one, two = _typical(filters.sigma), _typical(both.sigma)
+    told = (
+        f"at {1.0 / dt:.3g} frames/s clock filters promise {100 * one:.2g} cm, "
+        f"double-sided ranging {100 * two:.2g} cm"
+    )
+    if one < CLEARLY * two:
+        return "clock", *clock.run(network, R), told
+    return "double-sided", *double_sided.run(network, R, wander), told
+
+
+def _wander(team: Team) -> Floats:
+    """Random walk of the rate of each pair's time of flight, 1/s; robots that stand have none."""
+    static = np.array([robot.static for robot in team.robots])
+    return np.where(static[:, None] & static, 0.0, clock.MOTION * clock.SKEW_WALK)
+
+
+def _typical(sigma: Floats) -> float:
+    return float(np.median(sigma)) if sigma.size > 0 else np.inf
+
+
+def _ranges(frames: Frames, network: Network, found: Measured, times: Stamps) -> Ranges:
+    """Columns sorted by stamp; a robot counts its packets times its partners."""
+    stamp = earlier(times[found.packet], network.sent[found.packet], found.instant)
+    partners = network.row.shape[1] - 1 - found.source
+    sequence = frames.sequence[found.packet] * partners + (found.target - found.source - 1)
+    order = np.argsort(stamp, kind="stable")
+    value, sigma = _rounded(found.range[order]), _rounded(found.sigma[order])
+    return Ranges(
+        stamp[order],
+        frames.log_time[found.row[order]],
+        found.source[order],
+        found.target[order],
+        value,
+        value,
+        sigma,
+        sequence[order],
+    )
+
+
+def _rounded(length: Floats) -> Floats:
+    """To GRAIN: digits that mean nothing are zeros, which take no room in a log."""
+    return np.asarray(np.rint(length / GRAIN) * GRAIN)
+
+
+def _correlation_time(R: Floats, found: Measured, dt: float) -> float:
+    """Of the errors that filters leave, median over the ranges, s."""
+    a, b = found.source, found.target
+    white = SPEED**2 * 0.25 * (R[a, b] + R[b, a])
+    return correlation_time(1.0, float(np.median(found.sigma**2 / white)), dt)
+
+
+def _clocks(
+    names: tuple[str, ...], found: Measured, rejected: Indices, R: Floats
+) -> dict[tuple[str, str], PairClock]:
+    """Clock parameters of every pair that has ranges."""
+    clocks = {}
+    for a in range(len(names)):
+        for b in range(a + 1, len(names)):
+            own = np.flatnonzero((found.source == a) & (found.target == b))
+            if own.size == 0:
+                continue
+            skew = found.skew[own[:: 1 + own.size // ENOUGH]]
+            low, middle, high = (float(value) for value in np.percentile(skew, [5, 50, 95]))
+            clocks[names[a], names[b]] = PairClock(
+                int(own.size),
+                int(rejected[a, b] + rejected[b, a]),
+                float(found.offset[own[-1]]),
+                middle,
+                (low, high),
+                float(np.sqrt((R[a, b] + R[b, a]) / 2.0)),
+                float(np.median(found.sigma[own])),
+            )
+    return clocks

@@ -1,0 +1,91 @@
+"""Packets on endless clocks: counters unwrapped, every reception linked to the packet it is of."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from clt.filters.compiled import lean
+from clt.streams import Frames, Indices, Stamps
+from clt.ticks import HZ, SPAN, difference
+
+MEMORY = 256
+"""So many packets of each robot are kept in mind for receptions told later."""
+OLDEST = 8_000_000_000
+"""A reception told later than this (ns) is not believed: sequence numbers may have begun anew."""
+
+
+class Network(NamedTuple):
+    """Packets of n rows in the order of their stamps, of a team of r robots."""
+
+    source: Indices
+    """Sender, shape (n,)."""
+    sent: Indices
+    """When a packet left, ticks of the sender's endless clock, shape (n,)."""
+    received: Indices
+    """When its sender had received each robot's latest packet, ticks likewise, shape (n, r)."""
+    row: Indices
+    """Row of that packet, shape (n, r); -1 where there is none, or none newer than told before.
+    Only there does `received` mean anything."""
+
+
+def unwrap(frames: Frames) -> Network:
+    """Lay packets out for ranging; a gap of any length is bridged by the listener's stamps."""
+    sent = np.empty_like(frames.transmit)
+    for robot in np.unique(frames.source):
+        own = frames.source == robot
+        sent[own] = endless(frames.transmit[own], frames.stamp[own])
+    received = before(frames.transmit[:, None], frames.receive, sent[:, None])
+    robots = frames.heard.shape[1]
+    row = np.full(frames.heard.shape, -1)
+    known, told = np.full((robots, MEMORY), -1), np.full((robots, robots), -1)
+    link(frames.source, frames.sequence, frames.stamp, frames.heard, row, known, told)
+    return Network(frames.source, sent, received, row)
+
+
+def endless(ticks: Indices, stamp: Stamps) -> Indices:
+    """Readings of one counter without its wraps, shape (n,); stamps (ns) tell how many it made.
+
+    Right as long as stamps and counter agree to half a turn, 8.6 s, from one row to the next.
+    """
+    step = difference(ticks[1:], ticks[:-1])
+    expected = np.diff(stamp) * (HZ / 1e9)
+    turns = np.rint((expected - step) / SPAN).astype(np.int64)
+    return np.concatenate([ticks[:1], ticks[:1] + np.cumsum(step + SPAN * turns)])
+
+
+def before(ticks: Indices, earlier: Indices, endless_ticks: Indices) -> Indices:
+    """Endless time of readings `earlier`, at most one turn before `ticks`."""
+    return np.asarray(endless_ticks - ((ticks - earlier) & (SPAN - 1)))
+
+
+@lean
+def link(
+    source: Indices,
+    sequence: Indices,
+    stamp: Stamps,
+    heard: Indices,
+    row: Indices,
+    known: Indices,
+    told: Indices,
+) -> None:
+    """Fill `row` (n, robots) with that of the packet with each heard sequence number.
+
+    All of `row`, of the memory `known` (robots, MEMORY) and of the latest rows `told`, [receiver,
+    sender], is -1 before.
+    """
+    n, robots = heard.shape
+    for k in range(n):
+        receiver = source[k]
+        for sender in range(robots):
+            number = heard[k, sender]
+            if number < 0 or sender == receiver:
+                continue
+            found = known[sender, number % MEMORY]
+            if found < 0 or sequence[found] != number or found <= told[receiver, sender]:
+                continue
+            if stamp[k] - stamp[found] < OLDEST:
+                row[k, sender] = found
+                told[receiver, sender] = found
+        known[receiver, sequence[k] % MEMORY] = k
