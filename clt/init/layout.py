@@ -3,7 +3,7 @@
 Shi's cost L(p) = sum (d_ij - |p_i - p_j|)^2, weighted, from a start by multidimensional scaling.
 It has no gauge of its own (errata): either some positions are known, or the first node is put at
 the origin and the second on the +x axis. The mirror image at the line of two nodes fits equally:
-what comes back has the first node that is off that line on its left.
+what comes back has the node furthest from that line on its left.
 """
 
 from __future__ import annotations
@@ -253,13 +253,12 @@ def _covariance(
 
 
 def _conventional(position: Floats, covariance: Floats) -> tuple[Floats, Floats]:
-    """Second node on the +x axis, the first node off the axis on its left."""
+    """Second node on the +x axis, the node furthest from the axis on its left."""
     sign = np.ones_like(position)
     if position[1, 0] < 0.0:
         sign *= -1.0
-    size = float(np.max(np.abs(position), initial=0.0))
-    off = np.flatnonzero(np.abs(position[:, 1]) > 1e-6 * size)
-    if off.size > 0 and position[off[0], 1] * sign[off[0], 1] < 0.0:
+    furthest = int(np.argmax(np.abs(position[:, 1])))
+    if position[furthest, 1] * sign[furthest, 1] < 0.0:
         sign[:, 1] *= -1.0
     flips = sign.ravel()
     return position * sign + 0.0, covariance * np.outer(flips, flips)
