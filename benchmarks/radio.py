@@ -80,7 +80,7 @@ def errors(recording: Recording, ranges: Ranges) -> Floats:
 def accuracy(seeds: int) -> list[str]:
     """One row per case."""
     rows = [
-        "| robots | clock: rms, cm | error / sigma | double-sided: rms, cm | error / sigma | auto |",
+        "| robots | clock: cm rms | error / sigma | double-sided: cm rms | error / sigma | auto |",
         "|---|---|---|---|---|---|",
     ]
     for name, overrides in CASES.items():
