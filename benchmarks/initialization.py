@@ -10,6 +10,7 @@ of shi-three and shi-five span the x axis.
 from __future__ import annotations
 
 import argparse
+import itertools
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from clt.init.pairs import Pairs
 from clt.metrics.evaluate import evaluate
 from clt.metrics.evaluation import EvaluateOptions
 from clt.pipeline import estimate
+from clt.ranging.recover import recover
 from clt.sim.motion import paths
 from clt.sim.scenario import Scenario, load_scenario
 from clt.sim.simulate import exact, simulate
@@ -117,40 +119,35 @@ def heading_table(seeds: int) -> list[str]:
     return rows
 
 
-def run_errors(scenario: Scenario) -> tuple[list[bool], list[float], Floats, Floats]:
+def run_errors(scenario: Scenario) -> tuple[list[bool], list[float], float, float]:
     """One log: robots right at the start, NEES there; position, heading RMSE over the run."""
-    found = from_motion(replace(simulate(scenario), truth={}), DEFAULTS)
+    recording = replace(simulate(scenario), truth={})
+    if scenario.radio is not None:
+        recording = recover(recording).recording
+    found = from_motion(recording, DEFAULTS)
     errors, nees = start_errors(scenario, found)
-    made = estimate(simulate(scenario), found.start, DEFAULTS).recording
-    truth = exact(scenario).truth
-    squares = []
-    for name in starts(scenario):
-        poses, true = made.estimate[name], truth[name]
-        at, of = np.isin(poses.stamp, true.stamp), np.isin(true.stamp, poses.stamp)
-        d = wrap(poses.heading[at] - true.heading[of])
-        squares.append(
-            [np.mean((poses.x[at] - true.x[of]) ** 2 + (poses.y[at] - true.y[of]) ** 2),
-             np.mean(d**2)]
-        )  # fmt: skip
-    position, heading = np.sqrt(np.mean(squares, axis=0))
-    return [right(e) for e in errors], nees, position, heading
+    made = estimate(recording, found.start, DEFAULTS).recording
+    team = evaluate(replace(made, truth=exact(scenario).truth), EvaluateOptions(align="none"))
+    score = team.as_dict("")["team"]["estimate"]
+    return [right(e) for e in errors], nees, score["ape"]["rmse"], score["heading"]["rmse"]
 
 
 def run_table(seeds: int) -> list[str]:
-    """The paper's experiments."""
-    columns = ("scenario", "seeds", "right at the start", "ANEES/dim there", "position RMSE, m",
-               "worst seed", "heading RMSE, rad", "worst seed")  # fmt: skip
+    """The paper's experiments, from ranges and from raw packets."""
+    columns = ("scenario", "from", "seeds", "right at the start", "ANEES/dim there",
+               "position RMSE, m", "worst seed", "heading RMSE, rad", "worst seed")  # fmt: skip
     rows = ["| " + " | ".join(columns) + " |", "|---" * len(columns) + "|"]
-    for name in ("shi-three", "shi-five"):
+    sources: dict[str, dict[str, object]] = {"ranges": {}, "raw packets": {"radio": {}}}
+    for name, source in itertools.product(("shi-three", "shi-five"), sources):
+        keys = {"sensors.truth.rate": 20.0, **sources[source]}
         runs = [
-            run_errors(load_scenario(name, {"seed": seed, "sensors.truth.rate": 20.0}))
-            for seed in range(1, seeds + 1)
+            run_errors(load_scenario(name, {**keys, "seed": seed})) for seed in range(1, seeds + 1)
         ]
         good = [one for run in runs for one in run[0]]
         nees = np.mean([one for run in runs for one in run[1]])
         position, heading = (np.array([run[k] for run in runs]) for k in (2, 3))
         rows.append(
-            f"| {name} | {seeds} | {sum(good)} of {len(good)} | {nees:.2f} | "
+            f"| {name} | {source} | {seeds} | {sum(good)} of {len(good)} | {nees:.2f} | "
             f"{position.mean():.4f} | {position.max():.4f} | "
             f"{heading.mean():.4f} | {heading.max():.4f} |"
         )
