@@ -20,7 +20,7 @@ def show_formats(wanted: bool) -> None:
         from clt.importers import FORMATS
 
         for name, form in FORMATS.items():
-            typer.echo(f"{name:8}{form.about}")
+            typer.echo(f"{name:13}{form.about}")
         raise typer.Exit
 
 

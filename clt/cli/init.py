@@ -78,7 +78,9 @@ def init(
     recording = with_ranges(loaded.recording, console)
     if (given := inputs["calibration"]) is not None:
         recording = apply(recording, read_calibration(given))
-    require_data(recording, str(log))
+    team = recording.team
+    standing = len(team.moving) == 0 and len(team.static) > 0
+    require_data(recording, str(log), standing=standing)
     used, found = find(recording, method, settings, console)
     if output is not None:
         with inputs.output(output, force) as file:

@@ -158,11 +158,14 @@ def with_ranges(recording: Recording, console: Console) -> Recording:
     return ranged(recording, console)
 
 
-def require_data(recording: Recording, log: str) -> None:
-    """Raise CltError, naming the remedy, for a log that cannot be localized at all."""
+def require_data(recording: Recording, log: str, *, standing: bool = False) -> None:
+    """Raise CltError, naming the remedy, for a log that cannot be localized at all.
+
+    A team that is `standing` throughout needs no odometry.
+    """
     from clt.errors import CltError
 
-    if len(recording.odometry) == 0:
+    if len(recording.odometry) == 0 and not standing:
         raise CltError(
             f"{log}: no odometry found on /ROBOT/odom; name its topics with --streams FILE"
         )

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from clt.importers import thu
+from clt.importers import thu, thu_capture
 from clt.streams import Recording
 
 
@@ -25,6 +25,11 @@ FORMATS = {
         "Tsinghua range_only_CL, run of 2019-04-18: the folder with data190313.mat and Data1.txt",
         thu.files,
         thu.read_thu,
+    ),
+    "thu-capture": Format(
+        "binary stream of the Tsinghua radios (range_only_CL, pc.txt or test.txt), plain or gzip",
+        thu_capture.files,
+        thu_capture.read_capture,
     ),
 }
 """By the name that `clt import` takes."""

@@ -66,7 +66,7 @@ def survey(recording: Recording, begin: int, still: int, settings: FilterSetting
         have = f"only one static robot, {static[0].name}" if len(static) == 1 else "no static robot"
         return Survey((), f"{have}: the whole team may turn or shift unseen; two are needed")
     known = {r.name: np.array(r.position) for r in static if r.position is not None}
-    surveyed = len(known) >= 2 and _apart(list(known.values()))
+    surveyed = len(known) >= 2 and apart(list(known.values()))
     notes: tuple[str, ...] = ()
     if len(known) == 1 and not surveyed:
         notes = (f"only {next(iter(known))} has a known position: the frame is built from ranges",)
@@ -154,6 +154,7 @@ def on_one_line(points: list[Floats]) -> bool:
     return bool(max(off) <= FLAT * length)
 
 
-def _apart(points: list[Floats]) -> bool:
+def apart(points: list[Floats]) -> bool:
+    """The points do not all coincide."""
     a, b = widest_pair(points)
     return bool(np.hypot(*(b - a)) > 1e-6)

@@ -21,6 +21,7 @@ from clt.init.pairs import mean_distances
 from clt.init.phases import creeps, measured_noise, phases, standing
 from clt.init.search import Candidate, search
 from clt.init.start import InitialPose, Start, odometry_begin
+from clt.init.static import from_static
 from clt.init.team import Combination, Verdict, judge_team, settle
 from clt.streams import WORLD, Floats, Recording, Team
 
@@ -101,9 +102,12 @@ def as_given(start: Start, team: Team, lack: str) -> Initialization:
 def from_motion(recording: Recording, settings: FilterSettings) -> Initialization:
     """Initialize every moving robot that has odometry, at the instant when all of them have.
 
-    Raises CltError where there is no moving robot with odometry at all.
+    A team that is static throughout is laid out by its ranges. Raises CltError where moving robots
+    have no odometry at all.
     """
     team = recording.team
+    if len(team.moving) == 0 and len(team.static) > 0:
+        return laid_out(recording, settings)
     moving = [robot.name for robot in team.moving if robot.name in recording.odometry]
     if len(moving) == 0:
         raise CltError("no moving robot has odometry: there is nothing to initialize")
@@ -150,6 +154,18 @@ def from_motion(recording: Recording, settings: FilterSettings) -> Initializatio
             )
     ordered = {robot.name: robots[robot.name] for robot in team.robots if robot.name in robots}
     return Initialization(begin, surveyed, ordered, tuple(notes))
+
+
+def laid_out(recording: Recording, settings: FilterSettings) -> Initialization:
+    """The positions of a team that stands still throughout."""
+    begin, poses, surveyed, notes = from_static(recording, settings)
+    robots = {
+        name: RobotStatus("unobservable", None, why=f"too few ranges to place {name}")
+        if pose is None
+        else RobotStatus("ok", pose)
+        for name, pose in poses.items()
+    }
+    return Initialization(begin, surveyed, robots, notes)
 
 
 def standstill(recording: Recording, name: str, begin: int, settings: FilterSettings) -> int:
