@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 
 from clt.cli.console import Console
 
 
 @contextmanager
-def announced(console: Console) -> Iterator[None]:
-    """Say so, once, if a kernel has to be compiled meanwhile."""
-    from clt.filters.compiled import watched
+def announced(console: Console, ranging: bool = False) -> Iterator[None]:
+    """Say so, once, if a kernel has to be compiled meanwhile: one of ranging, else of a filter."""
+    watched: Callable[[Callable[[bool], None]], AbstractContextManager[None]]
+    if ranging:
+        from clt.filters.kept import watched
+    else:
+        from clt.filters.compiled import watched
 
     def say(kept: bool) -> None:
         if kept:

@@ -80,7 +80,7 @@ def range_log(
         )
     sigma = None if noise is None else noise * 1e-12
     try:
-        with announced(console):
+        with announced(console, ranging=True):
             found = recover(recording, method, smooth, sigma)
     except CltError as error:
         raise CltError(f"{loaded.path}: {error}") from None

@@ -41,7 +41,7 @@ def tell(console: Console, found: Recovered) -> None:
 
 def ranged(recording: Recording, console: Console) -> Recording:
     """The recording with ranges and odometry out of its packets, by the method that suits them."""
-    with announced(console):
+    with announced(console, ranging=True):
         found = recover(recording)
     tell(console, found)
     run = {**recording.run, "ranging": json.dumps(document(found))}

@@ -14,6 +14,7 @@ from clt.ranging.measured import Measured
 from clt.ranging.noise import correlation_time, period, stamp_variance
 from clt.ranging.odometry import odometry
 from clt.ranging.smooth import smooth
+from clt.ranging.states import MOTION, SKEW_WALK
 from clt.ranging.timebase import departures, earlier
 from clt.ranging.unwrap import Network, unwrap
 from clt.streams import Floats, Frames, Indices, Ranges, Recording, Stamps, Team, no_frames
@@ -136,7 +137,7 @@ def _choose(
 def _wander(team: Team) -> Floats:
     """Random walk of the rate of each pair's time of flight, 1/s; robots that stand have none."""
     static = np.array([robot.static for robot in team.robots])
-    return np.where(static[:, None] & static, 0.0, clock.MOTION * clock.SKEW_WALK)
+    return np.where(static[:, None] & static, 0.0, MOTION * SKEW_WALK)
 
 
 def _typical(sigma: Floats) -> float:

@@ -6,14 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.filters.compiled import lean
+from clt.filters.kept import Kept
+from clt.ranging.link import MEMORY
 from clt.streams import Frames, Indices, Stamps
 from clt.ticks import HZ, SPAN, difference
 
-MEMORY = 256
-"""So many packets of each robot are kept in mind for receptions told later."""
-OLDEST = 8_000_000_000
-"""A reception told later than this (ns) is not believed: sequence numbers may have begun anew."""
+LINK = Kept("clt.ranging.link", "link")
 
 
 class Network(NamedTuple):
@@ -40,7 +38,7 @@ def unwrap(frames: Frames) -> Network:
     robots = frames.heard.shape[1]
     row = np.full(frames.heard.shape, -1)
     known, told = np.full((robots, MEMORY), -1), np.full((robots, robots), -1)
-    link(frames.source, frames.sequence, frames.stamp, frames.heard, row, known, told)
+    LINK(frames.source, frames.sequence, frames.stamp, frames.heard, row, known, told)
     return Network(frames.source, sent, received, row)
 
 
@@ -58,34 +56,3 @@ def endless(ticks: Indices, stamp: Stamps) -> Indices:
 def before(ticks: Indices, earlier: Indices, endless_ticks: Indices) -> Indices:
     """Endless time of readings `earlier`, at most one turn before `ticks`."""
     return np.asarray(endless_ticks - ((ticks - earlier) & (SPAN - 1)))
-
-
-@lean
-def link(
-    source: Indices,
-    sequence: Indices,
-    stamp: Stamps,
-    heard: Indices,
-    row: Indices,
-    known: Indices,
-    told: Indices,
-) -> None:
-    """Fill `row` (n, robots) with that of the packet with each heard sequence number.
-
-    All of `row`, of the memory `known` (robots, MEMORY) and of the latest rows `told`, [receiver,
-    sender], is -1 before.
-    """
-    n, robots = heard.shape
-    for k in range(n):
-        receiver = source[k]
-        for sender in range(robots):
-            number = heard[k, sender]
-            if number < 0 or sender == receiver:
-                continue
-            found = known[sender, number % MEMORY]
-            if found < 0 or sequence[found] != number or found <= told[receiver, sender]:
-                continue
-            if stamp[k] - stamp[found] < OLDEST:
-                row[k, sender] = found
-                told[receiver, sender] = found
-        known[receiver, sequence[k] % MEMORY] = k

@@ -1,0 +1,40 @@
+"""The compiled pass that links receptions to packets (see `clt.ranging.unwrap`)."""
+
+from __future__ import annotations
+
+from clt.streams import Indices, Stamps
+
+MEMORY = 256
+"""So many packets of each robot are kept in mind for receptions told later."""
+OLDEST = 8_000_000_000
+"""A reception told later than this (ns) is not believed: sequence numbers may have begun anew."""
+
+
+def link(
+    source: Indices,
+    sequence: Indices,
+    stamp: Stamps,
+    heard: Indices,
+    row: Indices,
+    known: Indices,
+    told: Indices,
+) -> None:
+    """Fill `row` (n, robots) with that of the packet with each heard sequence number.
+
+    All of `row`, of the memory `known` (robots, MEMORY) and of the latest rows `told`, [receiver,
+    sender], is -1 before.
+    """
+    n, robots = heard.shape
+    for k in range(n):
+        receiver = source[k]
+        for sender in range(robots):
+            number = heard[k, sender]
+            if number < 0 or sender == receiver:
+                continue
+            found = known[sender, number % MEMORY]
+            if found < 0 or sequence[found] != number or found <= told[receiver, sender]:
+                continue
+            if stamp[k] - stamp[found] < OLDEST:
+                row[k, sender] = found
+                told[receiver, sender] = found
+        known[receiver, sequence[k] % MEMORY] = k
