@@ -165,6 +165,8 @@ def require_data(recording: Recording, log: str, *, standing: bool = False) -> N
     """
     from clt.errors import CltError
 
+    if len(recording.odometry) == 0 and len(recording.run.get("input_run", "")) > 0:
+        raise CltError(f"{log} is already a result, without odometry and ranges; give its input")
     if len(recording.odometry) == 0 and not standing:
         raise CltError(
             f"{log}: no odometry found on /ROBOT/odom; name its topics with --streams FILE"

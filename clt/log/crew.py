@@ -35,15 +35,20 @@ def told(log: Log) -> Team | None:
         raise LogError(f"{log.name}: {error}") from None
 
 
-def given(streams: StreamsFile) -> Team:
-    """The team of a streams file; robots without an id take the smallest free ones."""
-    taken = {robot.id for robot in streams.robots.values()}
+def given(streams: StreamsFile, known: Team | None = None) -> Team:
+    """The team of a streams file.
+
+    Robots without an id take that of the same name in the `known` team that the log tells, else
+    the smallest free ones.
+    """
+    own = {} if known is None else {robot.name: robot.id for robot in known.robots}
+    taken = {robot.id for robot in streams.robots.values()} | set(own.values())
     free = (number for number in range(1, 1 << 16) if number not in taken)
     return Team(
         tuple(
             Robot(
                 name=name,
-                id=next(free) if robot.id is None else robot.id,
+                id=robot.id if robot.id is not None else own[name] if name in own else next(free),
                 static=robot.static,
                 position=robot.position,
                 antenna=robot.antenna,

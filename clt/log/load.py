@@ -79,7 +79,7 @@ def _recording(log: Log, roles: Roles, mapped: StreamsFile | None, brief: bool) 
     measured = [(name, ranging.measure(log, stream, brief)) for name, stream in roles.ranges]
     framed = packets.decode_frames(log, roles.frames)
     if mapped is not None:
-        team = crew.given(mapped)
+        team = crew.given(mapped, crew.told(log))
     else:
         team = crew.told(log) or crew.inferred(log, measured, framed)
         roles = crew.known_only(log, roles, team)

@@ -312,3 +312,10 @@ def test_the_whole_job_through_pipes(clt, tmp_path):
     assert set(piped["robots"]) == {"R3", "R4", "R5"}
     ape = {name: piped["team"][name]["ape"]["rmse"] for name in ("estimate", "dead_reckoning")}
     assert 0.0 < ape["estimate"] < 0.15
+
+
+def test_a_result_is_not_localized_again(clt):
+    assert clt(*LOCALIZE)[0] == 0
+    code, out, err = clt("localize", "out.mcap", "-o", "again.mcap")
+    assert (code, out) == (1, "")
+    assert "out.mcap is already a result" in err

@@ -714,3 +714,21 @@ def test_joined_logs_are_one_recording(put):
     assert recording.ranges.range.tolist() == [3.0, 4.0]
     assert recording.team.range_sigma == 0.1
     assert found(recording) == {"team": (1, True)}
+
+
+def test_a_streams_file_takes_the_ids_that_the_log_tells(put):
+    streams = """
+    [robots.R3]
+    odometry = "/R3/odom"
+    [robots.R1]
+    static = true
+    [robots.X]
+    static = true
+    [[ranges]]
+    topic = "/R1/uwb/range"
+    """
+    log = Path(__file__).parents[2] / "sample_logs" / "shi-sim-60s.mcap"
+    recording = load(log, put(streams.encode(), "streams.toml")).recording
+    assert {robot.name: robot.id for robot in recording.team.robots} == {"R3": 3, "R1": 1, "X": 6}
+    assert set(recording.ranges.source) == {1}
+    assert set(recording.ranges.target) == {0}
