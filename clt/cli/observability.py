@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 FORMS = (".png", ".svg", ".pdf")
 MOST = 1000
-WANTED = frozenset({"odometry", "ranges", "truth", "estimate", "dead_reckoning", "innovations"})
+WANTED = frozenset(
+    {"odometry", "ranges", "frames", "truth", "estimate", "dead_reckoning", "innovations"}
+)
 
 
 def observability(
@@ -205,6 +207,7 @@ def read(
     log: Path, inputs: Inputs, output: Path | None, console: Console, *, force: bool
 ) -> Recording:
     """Read a log once it is clear that its picture can be written."""
+    from clt.cli.localize import with_ranges
     from clt.errors import UsageError
     from clt.log.load import load
     from clt.log.output import STDOUT
@@ -214,7 +217,7 @@ def read(
     inputs.check(output, force)
     recording = load(log, inputs["streams"], WANTED).recording
     console.report(recording.faults)
-    return recording
+    return with_ranges(recording, console)
 
 
 def along(

@@ -27,7 +27,7 @@ from clt.streams import WORLD, Floats, Recording, Team
 
 Status = Literal["ok", "ambiguous", "unobservable"]
 
-CERTAIN = 0.99
+CERTAIN = 0.9999
 """Probability from which a pose is taken; below it the robot is ambiguous."""
 AGAIN = 3.0
 """The filter that follows sees the same ranges once more. It starts from this many times the

@@ -131,6 +131,8 @@ def _choose(
     )
     if one < CLEARLY * two:
         return "clock", *clock.run(network, R), told
+    if one < two:
+        told += ", whose errors do not correlate in time"
     return "double-sided", *double_sided.run(network, R, wander), told
 
 

@@ -52,6 +52,7 @@ def _heard(
     reach = scenario.sensors.range.max_range
     delays = [_antenna_delay(scene, radio, index) for index in range(count)]
     obstacles = _obstacles(scene, sent)
+    within = {frozenset(pair) for pair in scene.pairs}
     for sender in range(count):
         spots = [
             antenna(scene.state(member, sent[sender].stamp), member.robot.antenna)
@@ -67,7 +68,8 @@ def _heard(
             late += obstacles[min(sender, receiver), max(sender, receiver)] / SPEED
             stamps[:, receiver, sender] = arrivals(sent[sender], clocks[receiver], path, late)
             luck = stream(scenario.seed, Purpose.HEARD, *link).random(frames)
-            heard[:, receiver, sender] = luck >= radio.loss
+            known = frozenset((sender, receiver)) in within
+            heard[:, receiver, sender] = known & (luck >= radio.loss)
             if reach is not None:
                 heard[:, receiver, sender] &= path <= reach
     return stamps, heard

@@ -222,8 +222,8 @@ class Radio(Settings):
     """A UWB broadcast network in place of `sensors.range`: every robot sends packets in turn.
 
     The log holds the packets as a listener heard them, with time stamps in device ticks, and no
-    ranges. Of `sensors.range` only `max_range` counts; `outliers` delay packets; `network` is the
-    listener's own way to the recorder.
+    ranges. Of `sensors.range` only `pairs` and `max_range` count; `outliers` delay packets;
+    `network` is the listener's own way to the recorder.
     """
 
     rate: Annotated[float, Field(gt=0.0, le=200.0)] = 100.0

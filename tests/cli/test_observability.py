@@ -139,3 +139,12 @@ def test_refusals_for_logs(log, tmp_path):
     taken.write_text("mine")
     assert clt(log, "-o", taken).exit_code != 0
     assert taken.read_text() == "mine"
+
+
+def test_packets_are_ranged_first(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    raw = ["simulate", "shi-five", "--duration", "20", "--set", "radio={}", "-o", "raw.mcap", "-q"]
+    assert CliRunner().invoke(app, raw).exit_code == 0
+    result = CliRunner().invoke(app, ["observability", "raw.mcap", "--json"])
+    told = json.loads(result.stdout)
+    assert (told["dimension"], told["rank"]) == (13, 13)

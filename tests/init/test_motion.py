@@ -136,6 +136,13 @@ def test_an_antenna_off_the_middle():
     assert np.abs(error(found.robots["off"], starts["off"])).max() < 0.15
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_noise_never_decides_what_only_turning_tells(seed):
+    robots = [{"name": "line", "start": [2.0, 4.0, 0.5], "trajectory": STRAIGHT}]
+    recording, _ = simulated(duration=40.0, team__moving=1, robots=robots, seed=seed)
+    assert from_motion(recording, DEFAULTS).robots["line"].status == "ambiguous"
+
+
 def test_a_straight_line_for_ever_leaves_the_mirror_image():
     robots = [{"name": "line", "start": [2.0, 4.0, 0.5], "trajectory": STRAIGHT}]
     recording, starts = simulated(duration=40.0, team__moving=1, robots=robots)

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from clt.errors import UsageError
+from clt.ranging.recover import recover
 from clt.sim.clock import KNOT, oscillate
 from clt.sim.scenario import load_scenario
 from clt.sim.settings import Oscillator
@@ -175,3 +176,11 @@ def test_networks_that_cannot_be(overrides, text):
 
 def test_a_drive_too_short_for_a_frame_has_no_packets():
     assert frames(duration=0.005).stamp.size == 0
+
+
+def test_only_the_wanted_pairs_hear_each_other():
+    keys = {"radio": {}, "duration": 5.0, "sensors.range.pairs": "moving-moving"}
+    recording = simulate(load_scenario("shi-five", keys))
+    ranges = recover(recording).recording.ranges
+    heard = set(zip(ranges.source.tolist(), ranges.target.tolist(), strict=True))
+    assert {frozenset(pair) for pair in heard} == {frozenset(p) for p in ((2, 3), (2, 4), (3, 4))}
