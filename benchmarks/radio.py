@@ -14,13 +14,11 @@ from __future__ import annotations
 
 import argparse
 import statistics
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
-from time import perf_counter
 
 import numpy as np
+from processes import CLT, iterating, wall
 
 from clt.ranging.recover import recover
 from clt.sim.scenario import load_scenario
@@ -28,14 +26,6 @@ from clt.sim.simulate import simulate
 from clt.streams import Floats, Ranges, Recording
 from clt.ticks import HZ, SPAN
 
-ITERATE = """
-import sys
-from mcap.reader import make_reader
-
-with open(sys.argv[1], "rb") as file:
-    print(sum(1 for _ in make_reader(file).iter_messages()))
-"""
-CLT = (sys.executable, "-m", "clt")
 BRISK = {
     "trajectory.speed": 1.5,
     "trajectory.acceleration": 1.0,
@@ -123,20 +113,13 @@ def skew_error(seeds: int) -> float:
     return worst
 
 
-def wall(*command: str) -> float:
-    """Seconds of one whole process, which must succeed."""
-    begin = perf_counter()
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    return perf_counter() - begin
-
-
 def speed(runs: int) -> tuple[float, float]:
     """Median seconds of `clt range` and of iterating the same log."""
     with tempfile.TemporaryDirectory() as folder:
         log, out = f"{folder}/raw.mcap", f"{folder}/ranges.mcap"
         wall(*CLT, "simulate", "shi-sim", "--set", "radio.rate=100", "-q", "-o", log)
         ranging = (*CLT, "range", log, "-q", "--force", "-o", out)
-        iterate = (sys.executable, "-c", ITERATE, log)
+        iterate = iterating(log)
         wall(*ranging)
         wall(*iterate)
         pairs = [(wall(*ranging), wall(*iterate)) for _ in range(runs)]

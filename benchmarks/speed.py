@@ -14,33 +14,17 @@ from __future__ import annotations
 
 import argparse
 import statistics
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 from time import perf_counter
+
+from processes import CLT, iterating, wall
 
 from clt.filters import filterpy_engine, world
 from clt.filters.settings import FilterSettings
 from clt.init.truth import from_truth
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
-
-ITERATE = """
-import sys
-from mcap.reader import make_reader
-
-with open(sys.argv[1], "rb") as file:
-    print(sum(1 for _ in make_reader(file).iter_messages()))
-"""
-CLT = (sys.executable, "-m", "clt")
-
-
-def wall(*command: str) -> float:
-    """Seconds of one whole process, which must succeed."""
-    begin = perf_counter()
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    return perf_counter() - begin
 
 
 def whole_process(runs: int) -> tuple[float, float]:
@@ -50,7 +34,7 @@ def whole_process(runs: int) -> tuple[float, float]:
         wall(*CLT, "simulate", "shi-sim", "--set", "sensors.range.rate=100", "-q", "-o", log)
         localize = (*CLT, "localize", log, "--filter", "eskf", "--init", "truth", "-q")
         localize = (*localize, "--force", "-o", out)
-        iterate = (sys.executable, "-c", ITERATE, log)
+        iterate = iterating(log)
         wall(*localize)
         wall(*iterate)
         pairs = [(wall(*localize), wall(*iterate)) for _ in range(runs)]

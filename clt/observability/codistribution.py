@@ -146,8 +146,3 @@ def joined(parts: Sequence[Field]) -> Field:
         for place, rate in part.items():
             total[place] = add(total.get(place, {}), rate)
     return total
-
-
-def highest_order(kinds: Sequence[PairKind]) -> int:
-    """The order at which no pair of these kinds gives anything new any more."""
-    return max((rows(kind)[-1].order for kind in kinds), default=0)
