@@ -19,6 +19,15 @@ class InitialPose:
 
 
 @dataclass(frozen=True)
+class Hypothesis:
+    """One of several possible sets of poses of the team, all at the stamp of their `Start`."""
+
+    probability: float
+    """That it is the true one, or closest to it among all of its start."""
+    poses: Mapping[str, InitialPose]
+
+
+@dataclass(frozen=True)
 class Start:
     """The poses of the team at one instant."""
 
@@ -27,6 +36,9 @@ class Start:
     poses: Mapping[str, InitialPose]
     frame: str = WORLD
     """Id of the frame that the poses stand in; the estimates will, too."""
+    hypotheses: tuple[Hypothesis, ...] = ()
+    """Everything that the poses may be, the most probable first, which is `poses`; empty where
+    nothing else is possible."""
 
 
 def period(stamp: Stamps) -> int:
