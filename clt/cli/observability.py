@@ -229,16 +229,15 @@ def along(
     console: Console,
 ) -> Windows:
     """Analyse a recording's windows and say what was assumed."""
-    from clt.observability.gramian import needs_compiling
+    from clt.cli.compiling import announced
     from clt.observability.reference import reference_of
     from clt.observability.windows import STEP, look
 
-    if needs_compiling():
-        console.say("compiling the analysis once for this machine (some seconds) ...")
     reference = reference_of(recording, settings.noise, STEP)
     for line in reference.notes:
         console.warn(line)
-    return look(reference, window, framed=setup.framed, ego=ego)
+    with announced(console, ranging=True):
+        return look(reference, window, framed=setup.framed, ego=ego)
 
 
 def picture(

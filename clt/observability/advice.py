@@ -10,7 +10,7 @@ from clt.observability.analysis import Analysis, analyse
 from clt.observability.codistribution import Motion
 from clt.observability.reference import measured
 from clt.observability.setup import Node, Setup
-from clt.streams import Floats, Odometry, Recording
+from clt.streams import Floats, Indices, Odometry, Ranges, Recording
 
 SPEED, TURN = 0.02, 0.01
 """Below these root mean squares a robot neither drives nor turns, m/s and rad/s."""
@@ -61,8 +61,7 @@ def setup_of(recording: Recording, placed: Collection[str] = (), frame: str = "w
         place[k] = len(nodes)
         motion = Motion.FREE if robot.static else motion_of(recording, robot.name)
         nodes.append(Node(robot.name, robot.static, known and kind == "world", motion))
-    table = measured(recording)
-    met = np.unique(np.sort(np.column_stack([table.source, table.target]), axis=1), axis=0)
+    met = pairs_of(measured(recording), len(recording.team.robots))
     pairs = tuple((place[int(a)], place[int(b)]) for a, b in met if a in place and b in place)
     ego = None
     if kind != "world":
@@ -70,6 +69,13 @@ def setup_of(recording: Recording, placed: Collection[str] = (), frame: str = "w
     framed = kind == "world" and not any(node.known for node in nodes)
     framed = framed and sum(node.static for node in nodes) >= 2
     return Setup(tuple(nodes), pairs, ego=ego, framed=framed)
+
+
+def pairs_of(ranges: Ranges, robots: int) -> Indices:
+    """Who ranged whom, shape (pairs, 2): indices of robots, the smaller one first."""
+    met = np.zeros((robots, robots), np.bool_)
+    met[ranges.source, ranges.target] = True
+    return np.argwhere(np.triu(met | met.T))
 
 
 def motion_of(recording: Recording, name: str) -> Motion:
