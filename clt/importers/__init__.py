@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from clt.importers import thu, thu_capture
+from clt.importers import thu, thu_capture, tiers, vub
 from clt.streams import Recording
 
 
@@ -30,6 +30,16 @@ FORMATS = {
         "binary stream of the Tsinghua radios (range_only_CL, pc.txt or test.txt), plain or gzip",
         thu_capture.files,
         thu_capture.read_capture,
+    ),
+    "tiers": Format(
+        "ROS 2 bag of the TIERS lab (TurtleBot4, UWB, OptiTrack): its folder, .db3 or .db3.gz",
+        tiers.files,
+        tiers.read_tiers,
+    ),
+    "vub": Format(
+        "VUB's TurtleBot4 pair (UWB, visual odometry, Vicon) as CSV: FOLDER/exp4, or one file",
+        vub.files,
+        vub.read_vub,
     ),
 }
 """By the name that `clt import` takes."""

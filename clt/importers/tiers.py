@@ -1,0 +1,184 @@
+"""Bags of the TIERS lab (Turku): TurtleBot4 odometry, UWB among all robots, OptiTrack truth.
+
+Topics: `/turtleNN/odom` nav_msgs/Odometry, 20 Hz; `/vrpn_client_node/turtlebotNN[_cap]/pose`
+geometry_msgs/PoseStamped; `/uwb/tof/n_A/n_B/distance` sensor_msgs/Range, as the radios gave it.
+Seen with bag 17_25_41 of 7 September 2022 (uwb-cooperative-mrs-localization) and case 4 of
+uwb-relative-localization-dataset, whose robots have no odometry.
+
+- The twist of a robot is the mean over the interval that ends at its header stamp: it equals the
+  step of its pose over that interval to 0.03 mm/s. Header stamps are used; odometry reaches the
+  recorder 0.08 s later, ranges and truth at once.
+- A range that both ends publish (n_A/n_B and n_B/n_A, equal, within 1 ms) counts once.
+- A bag does not tell which robot carries which node. Equal numbers belong together, and if
+  one node and one robot are left (n_2 and turtle01 of the pair), those two.
+- A node is static if it has no odometry and its truth stands still; without truth, if all the
+  others do.
+- The ranges read long, by 0.25 m in the pair: see `benchmarks/tiers_calibration.toml`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from clt.errors import LogError
+from clt.importers.rosbag import bag_files, read_bag
+from clt.log import convert, ranging
+from clt.log.faults import Faults
+from clt.log.reader import Log
+from clt.log.roles import RangeStream, Stream, natural
+from clt.streams import Poses, Ranges, Recording, Robot, Team
+
+ODOMETRY = re.compile(r"/(?P<name>turtle(?:bot)?(?P<number>\d+))/odom")
+TRUTH = re.compile(r"/vrpn_client_node/(?P<name>turtle(?:bot)?(?P<number>\d+))(?:_\w+)?/pose")
+RANGE = re.compile(r"/uwb/tof/n_(?P<source>\d+)/n_(?P<target>\d+)/distance")
+STILL = 0.1
+"""A robot whose truth stays in a box of this size stands, m."""
+RANGE_SIGMA, RANGE_CORRELATION = 0.057, 0.5
+"""Of the pair's calibrated ranges against the truth, m; where their correlation is 1/3, s."""
+SIGMA_V, SIGMA_OMEGA = 0.02, 0.012
+"""Of one sample, m/s and rad/s: what makes the errors of means over 0.5 s."""
+
+MIRRORED = 2_000_000
+"""As far apart are the stamps of one range that both ends tell at most, ns."""
+
+files = bag_files
+
+
+class Carrier(NamedTuple):
+    """One member of the team as the topics tell it."""
+
+    name: str
+    node: int | None
+    odometry: str | None
+    truth: str | None
+
+
+def read_tiers(path: Path) -> Recording:
+    """Read a bag: its folder, or one `.db3` or `.db3.gz` file.
+
+    Raises:
+        LogError: naming the file, or the topic, that cannot be used.
+    """
+    log = read_bag(
+        bag_files(path), lambda topic: any(p.fullmatch(topic) for p in (ODOMETRY, TRUTH, RANGE))
+    )
+    topics = [topic.name for topic in log.topics.values() if topic.count > 0]
+    pairs = _pairs(log, topics)
+    if len(pairs) == 0:
+        raise LogError(f"{log.name}: no ranges (/uwb/tof/n_A/n_B/distance) in this bag")
+    crew = _crew(log, topics, {node for ends in pairs.values() for node in ends})
+    odometry = {c.name: convert.odometry(log, Stream(c.odometry)) for c in crew if c.odometry}
+    truth = {c.name: convert.poses(log, Stream(c.truth), False) for c in crew if c.truth}
+    odometry = {name: stream for name, stream in odometry.items() if len(stream.stamp) > 0}
+    truth = {name: poses for name, poses in truth.items() if len(poses.stamp) > 0}
+    team = _team(crew, odometry, truth)
+    name_of = {c.node: c.name for c in crew if c.node is not None}
+    measured = [
+        ranging.measure(log, RangeStream(topic, name_of[source], name_of[target]))
+        for topic, (source, target) in pairs.items()
+    ]
+    return Recording(
+        team=team,
+        odometry=odometry,
+        ranges=_told_once(ranging.join(log, measured, team), log.faults),
+        truth=truth,
+        faults=log.faults.all(),
+    )
+
+
+def _pairs(log: Log, topics: Iterable[str]) -> dict[str, tuple[int, int]]:
+    """The nodes (source, target) of every topic of ranges. Raises LogError for a node alone."""
+    matches = [match for topic in sorted(topics, key=natural) if (match := RANGE.fullmatch(topic))]
+    pairs = {match[0]: (int(match["source"]), int(match["target"])) for match in matches}
+    for topic, (source, target) in pairs.items():
+        if source == target or max(source, target) >= 1 << 16:
+            raise LogError(f"{log.name}: {topic}: not a range between two nodes below 65536")
+    return pairs
+
+
+def _crew(log: Log, topics: Iterable[str], nodes: set[int]) -> tuple[Carrier, ...]:
+    """Robots by number, then nodes that sit on no robot."""
+    driven, seen = (_by_number(log, pattern, topics) for pattern in (ODOMETRY, TRUTH))
+    numbers = sorted({*driven, *seen})
+    node_of = _nodes(nodes, numbers)
+    crew = []
+    for number in numbers:
+        odometry, truth = driven.get(number), seen.get(number)
+        match = odometry or truth
+        name = "" if match is None else match["name"]
+        topic = [None if match is None else match[0] for match in (odometry, truth)]
+        crew.append(Carrier(name, node_of.get(number), *topic))
+    alone = sorted(nodes - set(node_of.values()))
+    return (*crew, *(Carrier(f"node{node}", node, None, None) for node in alone))
+
+
+def _by_number(
+    log: Log, pattern: re.Pattern[str], topics: Iterable[str]
+) -> dict[int, re.Match[str]]:
+    """Topics of one kind by the robot's number. Raises LogError where a robot has two."""
+    found: dict[int, re.Match[str]] = {}
+    for topic in sorted(topics):
+        match = pattern.fullmatch(topic)
+        if match is None:
+            continue
+        other = found.setdefault(int(match["number"]), match)
+        if other is not match:
+            raise LogError(f"{log.name}: {other[0]} and {topic} tell the same of one robot")
+    return found
+
+
+def _nodes(nodes: Collection[int], robots: Collection[int]) -> dict[int, int]:
+    """The node on each robot, by number, as far as the numbers tell."""
+    node_of = {number: number for number in robots if number in nodes}
+    free = [node for node in nodes if node not in node_of]
+    rest = [number for number in robots if number not in node_of]
+    if len(free) == len(rest) == 1:
+        node_of[rest[0]] = free[0]
+    return node_of
+
+
+def _team(crew: Iterable[Carrier], odometry: Collection[str], truth: Mapping[str, Poses]) -> Team:
+    """Ids are the nodes'; a robot without one takes the next free number."""
+    crew = tuple(crew)
+    still = {name: _stands(poses) for name, poses in truth.items()}
+    taken = {c.node for c in crew}
+    spare = (number for number in range(1, 1 << 16) if number not in taken)
+    robots = [
+        Robot(
+            c.name,
+            next(spare) if c.node is None else c.node,
+            static=c.name not in odometry and still.get(c.name, all(still.values())),
+            sigma_v=SIGMA_V if c.name in odometry else np.nan,
+            sigma_omega=SIGMA_OMEGA if c.name in odometry else np.nan,
+        )
+        for c in crew
+    ]
+    return Team(tuple(robots), RANGE_SIGMA, RANGE_CORRELATION)
+
+
+def _stands(poses: Poses) -> bool:
+    return bool(max(np.ptp(poses.x), np.ptp(poses.y)) < STILL)
+
+
+def _told_once(ranges: Ranges, faults: Faults) -> Ranges:
+    """The ranges without those that repeat the one before from the other end."""
+    low, high = np.minimum(ranges.source, ranges.target), np.maximum(ranges.source, ranges.target)
+    order = np.lexsort((ranges.stamp, high, low))
+    low, high, source, value, stamp = (
+        column[order] for column in (low, high, ranges.source, ranges.raw, ranges.stamp)
+    )
+    same = (np.diff(low) == 0) & (np.diff(high) == 0) & (np.diff(source) != 0)
+    same &= (np.diff(value) == 0.0) & (np.diff(stamp) <= MIRRORED)
+    again = np.zeros(len(order), np.bool_)
+    again[order[1:][same]] = True
+    count = int(np.count_nonzero(again))
+    if count > 0:
+        text = f"{count} of {len(again)} messages mirror another, A-B as B-A; the first was kept"
+        faults.add("mirrored", "ranges", text, count=count)
+    return Ranges(*(getattr(ranges, field.name)[~again] for field in fields(Ranges)))
