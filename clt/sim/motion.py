@@ -8,12 +8,13 @@ from itertools import islice
 
 import numpy as np
 
+from clt.sim.drives import Circle, Segments, Sequence, Stand, Wander
 from clt.sim.rng import Purpose, stream
 from clt.sim.scenario import Scenario
 from clt.sim.sequence import sequence, start_with_room
-from clt.sim.settings import Circle, Pose, Segments, Sequence, Stand, Wander
 from clt.sim.team import Member
 from clt.sim.trajectory import Floats, Path, drive, refined
+from clt.sim.values import Pose
 from clt.sim.wander import wander
 from clt.trig import cos_sin
 

@@ -8,12 +8,14 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from clt.sim.bursts import excess
 from clt.sim.clock import Clock, oscillate, wrapped
 from clt.sim.radio import Departures, arrivals, depart, schedule, since_own_packet
-from clt.sim.ranging import antenna, distance, excess
+from clt.sim.ranging import antenna, distance
 from clt.sim.rng import Purpose, stream
-from clt.sim.scene import EPOCH, Scene, pair_key, robot_key, transport
+from clt.sim.scene import Scene, pair_key
 from clt.sim.settings import Radio
+from clt.sim.transport import EPOCH, robot_key, transport
 from clt.streams import Floats, Frames, Indices, Odometry, Stamps
 from clt.ticks import HZ, SPEED
 
@@ -132,7 +134,9 @@ def _as_frames(
     log_time, arrived = np.empty_like(stamp), np.empty(stamp.shape, np.bool_)
     for index, member in enumerate(scene.members):
         way = (int(Purpose.HEARD), *robot_key(member))
-        log_time[:, index], arrived[:, index] = transport(scene.scenario, stamp[:, index], way)
+        log_time[:, index], arrived[:, index] = transport(
+            scene.scenario, None, stamp[:, index], way
+        )
     keep = arrived.ravel()
     transmit = wrapped(np.stack([one.reading for one in sent], axis=1))
     source = np.broadcast_to(np.arange(count), stamp.shape)

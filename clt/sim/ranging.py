@@ -1,4 +1,4 @@
-"""UWB ranges between the robots of a team: who measures whom, distances, outliers."""
+"""UWB ranges between the robots of a team: who measures whom, from where, how far."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ import numpy as np
 
 from clt.errors import UsageError
 from clt.settings import nearest
-from clt.sim.sensors import SECOND
-from clt.sim.settings import Outliers, RangeSensor
+from clt.sim.settings import RangeSensor
 from clt.sim.trajectory import State
-from clt.streams import Floats, Stamps, Team
+from clt.streams import Floats, Team
 from clt.trig import cos_sin
 
 Pair = tuple[int, int]
@@ -50,29 +49,6 @@ def distance(a: tuple[Floats, Floats], b: tuple[Floats, Floats]) -> Floats:
     """Distance (m) between points given as coordinate arrays."""
     dx, dy = a[0] - b[0], a[1] - b[1]
     return np.asarray(np.sqrt(dx * dx + dy * dy))
-
-
-def excess(outliers: Outliers, stamps: Stamps, draw: np.random.Generator) -> Floats:
-    """What outliers add to one pair's ranges at stamps (ns since the start), m, shape (n,)."""
-    if outliers.share == 0.0 or len(stamps) == 0:
-        return np.zeros(len(stamps))
-    if outliers.burst == 0.0:
-        chance, height = draw.random(len(stamps)), draw.exponential(1.0, len(stamps))
-        return np.where(chance < outliers.share, outliers.mean * height, 0.0)
-    return _bursts(outliers, stamps / SECOND, draw)
-
-
-def _bursts(outliers: Outliers, t: Floats, draw: np.random.Generator) -> Floats:
-    """Bursts and gaps of exponential length in turn, one excess throughout each burst."""
-    gap = outliers.burst * (1.0 - outliers.share) / outliers.share
-    cycles = 30 + int(2.0 * t[-1] / (outliers.burst + gap))
-    starts_in_burst = draw.random() < outliers.share
-    unit = draw.exponential(1.0, (cycles, 3))
-    ends = np.cumsum((unit[:, :2] * [outliers.burst, gap]).ravel())
-    skipped = 0.0 if starts_in_burst else ends[0]
-    phase = np.searchsorted(ends, t + skipped, side="right")
-    height = np.stack([outliers.mean * unit[:, 2], np.zeros(cycles)], axis=1).ravel()
-    return height[np.minimum(phase, 2 * cycles - 1)]
 
 
 def _listed(names: Sequence[tuple[str, str]], team: Team) -> list[Pair]:

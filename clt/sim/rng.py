@@ -26,6 +26,11 @@ class Purpose(IntEnum):
     STAMP = 10
     HEARD = 11
     ANTENNA = 12
+    PHASE = 13
+    GAP = 14
+    SCALE = 15
+    HOST = 16
+    BATCH = 17
 
 
 def stream(seed: int, purpose: Purpose, *key: int) -> np.random.Generator:

@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 from clt.document import Document
 from clt.errors import UsageError
 from clt.settings import Settings, assign, nearest, parse, read_toml
+from clt.sim.drives import Trajectory, Wander
 from clt.sim.settings import (
     Network,
     Outliers,
@@ -20,8 +21,6 @@ from clt.sim.settings import (
     RobotTable,
     Sensors,
     TeamTable,
-    Trajectory,
-    Wander,
 )
 
 BUILT_IN = resources.files("clt.scenarios")
@@ -79,7 +78,10 @@ def load_scenario(
 
 
 def effective_toml(scenario: Scenario) -> str:
-    """The complete scenario as TOML, every default written out; loading it gives an equal one."""
+    """The complete scenario as TOML; loading it gives an equal one.
+
+    Every default is written out but those of imperfections that are off.
+    """
     return tomli_w.dumps(scenario.model_dump(mode="json", exclude_none=True))
 
 

@@ -11,8 +11,9 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from clt.errors import UsageError
-from clt.sim.settings import Area, Circle, Phase, Pose, Sequence
+from clt.sim.drives import Circle, Phase, Sequence
 from clt.sim.trajectory import STEP, Path, at, drive, refined
+from clt.sim.values import Area, Pose
 from clt.streams import Floats
 
 Twists = tuple[Floats, Floats, Floats]

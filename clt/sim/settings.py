@@ -4,98 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, StringConstraints, model_validator
+from pydantic import Field, model_validator
 
 from clt.settings import Settings
+from clt.sim.drives import Trajectory
+from clt.sim.values import Area, Count, Name, NonNegative, Point, Pose, Positive, Rate, Share, off
 from clt.streams import Twist
 
-Positive = Annotated[float, Field(gt=0.0)]
-NonNegative = Annotated[float, Field(ge=0.0)]
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Rate = Annotated[float, Field(gt=0.0, le=1000.0)]
-Count = Annotated[int, Field(ge=0, le=1000)]
-Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
-Point = tuple[float, float]
-Pose = tuple[float, float, float]
-Area = tuple[float, float, float, float]
 PairSet = Literal["all", "moving-static", "moving-moving"]
-
-
-class Wander(Settings):
-    """Random smooth driving inside `team.area`."""
-
-    kind: Literal["wander"] = "wander"
-    speed: Positive = 0.74
-    """Cruise speed; the mean speed is lower, for turns and walls."""
-    acceleration: Positive = 0.6
-    turn_rate: Positive = 1.0
-    turn_acceleration: Positive = 2.0
-    reach: Positive = 0.8
-    """A goal counts as reached at this distance."""
-    margin: NonNegative = 0.6
-    """A robot nearly stops this far from a wall."""
-
-
-class Segment(Settings):
-    """Driving with a constant twist."""
-
-    duration: Positive
-    v: float
-    omega: float
-
-
-class Segments(Settings):
-    """One constant twist after the other, joined by linear ramps; then the last twist goes on."""
-
-    kind: Literal["segments"] = "segments"
-    segments: Annotated[tuple[Segment, ...], Field(min_length=1)]
-    ramp: Positive = 0.5
-    """The twist changes linearly over the first `ramp` seconds of a segment; it starts at rest."""
-    repeat: bool = False
-
-    @model_validator(mode="after")
-    def ramps_fit(self) -> Self:
-        """A ramp ends within its segment."""
-        if self.ramp > min(segment.duration for segment in self.segments):
-            raise ValueError("ramp is longer than a segment")
-        return self
-
-
-class Circle(Settings):
-    """Constant speed on a circle around the middle of the area, or leftwards from the start."""
-
-    kind: Literal["circle"] = "circle"
-    radius: Positive = 3.0
-    speed: Positive = 0.6
-    turn: Literal["left", "right"] = "left"
-
-
-class Stand(Settings):
-    """Standing still, wheels turning not."""
-
-    kind: Literal["stand"] = "stand"
-
-
-class Phase(Settings):
-    """One part of a sequence."""
-
-    duration: Positive
-    drive: Annotated[Wander | Segments | Circle | Stand, Field(discriminator="kind")]
-
-
-class Sequence(Settings):
-    """One kind of driving after the other; the last goes on."""
-
-    kind: Literal["sequence"] = "sequence"
-    phases: Annotated[tuple[Phase, ...], Field(min_length=1)]
-    ramp: Positive = 0.5
-    """Every phase begins and ends at rest: time for braking, and for joining a circle."""
-    margin: NonNegative = 0.3
-    """A robot without a start of its own starts where phases of given twist stay this far from
-    the walls."""
-
-
-Trajectory = Annotated[Wander | Segments | Circle | Stand | Sequence, Field(discriminator="kind")]
+Start = Literal["common", "random"]
 
 
 class Noise(Settings):
@@ -148,6 +65,15 @@ class TeamTable(Settings):
         return self
 
 
+class Gaps(Settings):
+    """Times without odometry, of exponential length."""
+
+    share: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    """Of all time."""
+    length: Positive = 0.5
+    """Mean, s."""
+
+
 class OdometrySensor(Settings):
     """Wheel odometry of the moving robots: measured = scale * true + bias + noise."""
 
@@ -159,6 +85,16 @@ class OdometrySensor(Settings):
     scale_v: Positive = 1.0
     scale_omega: Positive = 1.0
     bias_omega: float = 0.0
+    scale_sd: NonNegative = off(0.0)
+    """Each robot's scales of v and of omega are off by errors of its own, relative; this is their
+    standard deviation."""
+    bias_sd: NonNegative = off(0.0)
+    """Standard deviation of each robot's own bias of omega, rad/s."""
+    at_rest: Share = off(1.0)
+    """Share of noise and bias that is left while the wheels stand; the messages tell the noise."""
+    phase: Start = off("common")
+    """The first samples of all robots come after one period, or at random within it."""
+    gaps: Gaps = off(Gaps())
 
 
 class RangeSensor(Settings):
@@ -173,6 +109,10 @@ class RangeSensor(Settings):
     """The end that measures, by id, where `pairs` is not a list."""
     max_range: Positive | None = None
     """Pairs further apart do not hear each other."""
+    phase: Start = off("common")
+    """The first ranges of all pairs come after one period, or at random within it."""
+    rate_spread: Annotated[float, Field(ge=0.0, lt=1.0)] = off(0.0)
+    """Each pair has a rate of its own, uniform between rate * (1 - this) and rate * (1 + this)."""
 
 
 class TruthSensor(Settings):
@@ -242,10 +182,20 @@ class Radio(Settings):
 
 
 class Network(Settings):
-    """The way of odometry and ranges to the recorder."""
+    """The way of odometry and ranges from the robots that measured them to the recorder."""
 
     loss: Share = 0.0
     """Share of the messages that never arrive."""
     delay_mean: NonNegative = 0.0
     delay_sd: NonNegative = 0.0
-    """Delays are normal, cut off below zero."""
+    """Delays are normal, cut off at zero, and every message's own: they overtake each other."""
+    batch: NonNegative = off(0.0)
+    """Period, s, at which a robot sends what it has gathered: a message waits for its end. Each
+    robot's periods begin at a random time."""
+    clock_mean: float = off(0.0)
+    clock_sd: NonNegative = off(0.0)
+    """A robot's clock, and so every stamp of its messages, is ahead of true time by a constant that
+    is normal with this mean and standard deviation, s."""
+    recorder: Name | None = off(None)
+    """The robot on which the recorder runs: its own messages take no network, its clock is right.
+    Without one the recorder stands apart."""

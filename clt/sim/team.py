@@ -8,7 +8,8 @@ from itertools import count
 from math import nan
 
 from clt.sim.scenario import Scenario
-from clt.sim.settings import Area, Point, RobotTable
+from clt.sim.settings import RobotTable
+from clt.sim.values import Area, Point
 from clt.streams import Robot, Team
 
 

@@ -12,8 +12,9 @@ from math import ceil, sqrt
 import numpy as np
 
 from clt.errors import UsageError
-from clt.sim.settings import Area, Pose, Wander
+from clt.sim.drives import Wander
 from clt.sim.trajectory import STEP, Path, drive
+from clt.sim.values import Area, Pose
 from clt.trig import cos_sin
 
 Leg = tuple[float, float, float, float]

@@ -22,7 +22,7 @@ def test_built_ins_load_and_describe_themselves():
 @pytest.mark.parametrize("key", known_keys(Scenario))
 def test_a_misspelt_key_is_refused_wherever_it_stands(key):
     kind = {"segments": "segments", "ramp": "segments", "repeat": "segments", "radius": "circle",
-            "turn": "circle", "phases": "sequence",
+            "turn": "circle", "phases": "sequence", "turn_radius": "segments",
             }.get(key.removeprefix("trajectory."), "wander")  # fmt: skip
     needed = {
         "segments": {"segments": [SEGMENT]},

@@ -1,0 +1,107 @@
+"""The kinds of driving that a scenario may ask for. SI units: m, s, rad."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from clt.settings import Settings
+from clt.sim.values import NonNegative, Positive, off
+
+
+class Wander(Settings):
+    """Random smooth driving inside `team.area`."""
+
+    kind: Literal["wander"] = "wander"
+    speed: Positive = 0.74
+    """Cruise speed; the mean speed is lower, for turns and walls."""
+    acceleration: Positive = 0.6
+    turn_rate: Positive = 1.0
+    turn_acceleration: Positive = 2.0
+    reach: Positive = 0.8
+    """A goal counts as reached at this distance."""
+    margin: NonNegative = 0.6
+    """A robot nearly stops this far from a wall."""
+
+
+class Segment(Settings):
+    """Driving with a constant twist."""
+
+    duration: Positive
+    v: float
+    omega: float
+
+
+class Segments(Settings):
+    """One constant twist after the other, joined by linear ramps; then the last twist goes on."""
+
+    kind: Literal["segments"] = "segments"
+    segments: Annotated[tuple[Segment, ...], Field(min_length=1)]
+    ramp: Positive = 0.5
+    """The twist changes linearly over the first `ramp` seconds of a segment; it starts at rest."""
+    repeat: bool = False
+    turn_radius: Positive | None = off(None)
+    """A car's: no tighter turn is accepted. Curvature changes over a ramp: so long a car steers."""
+
+    @model_validator(mode="after")
+    def ramps_fit(self) -> Self:
+        """A ramp ends within its segment."""
+        if self.ramp > min(segment.duration for segment in self.segments):
+            raise ValueError("ramp is longer than a segment")
+        return self
+
+    @model_validator(mode="after")
+    def a_car_can_drive_them(self) -> Self:
+        """|omega| radius <= |v| in every segment; then also on the ramps, if v keeps its sign."""
+        if self.turn_radius is None:
+            return self
+        for segment in self.segments:
+            if abs(segment.omega) * self.turn_radius > abs(segment.v) * (1.0 + 1e-9):
+                raise ValueError(
+                    f"omega = {segment.omega:g} at v = {segment.v:g} turns more tightly than "
+                    f"turn_radius = {self.turn_radius:g}"
+                )
+        last = (self.segments[-1],) if self.repeat else ()
+        for one, two in pairwise((*last, *self.segments)):
+            if one.v * two.v < 0.0 and (one.omega != 0.0 or two.omega != 0.0):
+                raise ValueError("a car stops before it turns the other way; add a segment at rest")
+        return self
+
+
+class Circle(Settings):
+    """Constant speed on a circle around the middle of the area, or leftwards from the start."""
+
+    kind: Literal["circle"] = "circle"
+    radius: Positive = 3.0
+    speed: Positive = 0.6
+    turn: Literal["left", "right"] = "left"
+
+
+class Stand(Settings):
+    """Standing still, wheels turning not."""
+
+    kind: Literal["stand"] = "stand"
+
+
+class Phase(Settings):
+    """One part of a sequence."""
+
+    duration: Positive
+    drive: Annotated[Wander | Segments | Circle | Stand, Field(discriminator="kind")]
+
+
+class Sequence(Settings):
+    """One kind of driving after the other; the last goes on."""
+
+    kind: Literal["sequence"] = "sequence"
+    phases: Annotated[tuple[Phase, ...], Field(min_length=1)]
+    ramp: Positive = 0.5
+    """Every phase begins and ends at rest: time for braking, and for joining a circle."""
+    margin: NonNegative = 0.3
+    """A robot without a start of its own starts where phases of given twist stay this far from
+    the walls."""
+
+
+Trajectory = Annotated[Wander | Segments | Circle | Stand | Sequence, Field(discriminator="kind")]

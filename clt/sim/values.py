@@ -1,0 +1,24 @@
+"""What the values of a scenario's keys may be. SI units: m, s, rad, Hz."""
+
+from __future__ import annotations
+
+from typing import Annotated, TypeVar
+
+from pydantic import Field, StringConstraints
+
+Positive = Annotated[float, Field(gt=0.0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Rate = Annotated[float, Field(gt=0.0, le=1000.0)]
+Count = Annotated[int, Field(ge=0, le=1000)]
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
+Point = tuple[float, float]
+Pose = tuple[float, float, float]
+Area = tuple[float, float, float, float]
+T = TypeVar("T")
+
+
+def off(default: T) -> T:
+    """Default of an imperfection that a scenario need not have: written out only where it has."""
+    field: T = Field(default=default, exclude_if=lambda value: value == default)
+    return field
