@@ -20,7 +20,9 @@ from time import perf_counter
 
 from processes import CLT, iterating, wall
 
-from clt.filters import filterpy_engine, world
+from clt.filters import filterpy_engine
+from clt.filters.gaussian import FORMS, solve_eskf
+from clt.filters.problem import Problem, lay_out
 from clt.filters.settings import FilterSettings
 from clt.init.truth import from_truth
 from clt.sim.scenario import load_scenario
@@ -42,27 +44,27 @@ def whole_process(runs: int) -> tuple[float, float]:
     return statistics.median(ours), statistics.median(theirs)
 
 
-def problem(**overrides: object) -> tuple[world.Problem, FilterSettings]:
+def problem(**overrides: object) -> tuple[Problem, FilterSettings]:
     """A scenario laid out for the filter."""
     recording = simulate(load_scenario("shi-sim", overrides))
     settings = FilterSettings()
     start = from_truth(recording, settings.initial.sigma)
-    return world.pose_problem(recording, start, settings), settings
+    return lay_out(recording, start, settings), settings
 
 
-def kernel_seconds(runs: int, **overrides: object) -> tuple[float, world.Problem]:
+def kernel_seconds(runs: int, **overrides: object) -> tuple[float, Problem]:
     """Best seconds of the compiled filter over a log, compilation excluded."""
     laid_out, settings = problem(**overrides)
-    world.solve(laid_out, settings)
+    solve_eskf(laid_out, settings)
     times = []
     for _ in range(runs):
         begin = perf_counter()
-        world.solve(laid_out, settings)
+        solve_eskf(laid_out, settings)
         times.append(perf_counter() - begin)
     return min(times), laid_out
 
 
-def filterpy_seconds(laid_out: world.Problem, runs: int) -> float:
+def filterpy_seconds(laid_out: Problem, runs: int) -> float:
     """Best seconds of the same filter through filterpy."""
     settings = FilterSettings()
     times = []
@@ -78,7 +80,7 @@ def filterpy_seconds(laid_out: world.Problem, runs: int) -> float:
             laid_out.outputs,
             gate=settings.gate,
             reacquire=settings.reacquire,
-            form=world.FORMS[settings.process],
+            form=FORMS[settings.process],
         )
         times.append(perf_counter() - begin)
     return min(times)

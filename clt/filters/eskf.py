@@ -1,9 +1,10 @@
-"""Shi's centralized error-state Kalman filter over all robots that are not fixed.
+"""Shi's centralized error-state Kalman filter, in any state space.
 
 Section "Collaborative localization estimator": the nominal state is propagated with the odometry,
 the error state delta x ~ N(0, P) linearly; ranges correct delta x, which is then injected into
 the nominal state. A robot is propagated when a range or an output needs it: as the others'
-process noise is independent of it, the result is that of propagating all.
+process noise is independent of it, the result is that of propagating all. In a relative frame a
+range between two neighbours does not wait for the ego either: it is the same in every frame.
 """
 
 from __future__ import annotations
@@ -17,10 +18,12 @@ from threadpoolctl import threadpool_limits
 
 from clt.filters import kalman
 from clt.filters.compiled import inlined, lean
-from clt.filters.inputs import RangeTable, Segments
+from clt.filters.inputs import Outputs, RangeTable, Segments
 from clt.filters.kalman import Work
 from clt.filters.ranging import predict_range
 from clt.filters.reacquisition import LOST, fresh_memory, reacquire, remember
+from clt.filters.space import Space, world_space
+from clt.filters.transport import carry
 from clt.filters.unicycle import arc, process_noise
 from clt.streams import Floats, Indices, Stamps
 
@@ -28,13 +31,6 @@ BATCH_ROBOTS, BATCH_PER_ROBOT = 12, 6
 """From this many robots and ranges per robot the information form is faster (benchmarks/)."""
 REJECTED, USED = 0, 1
 """Verdicts on a range: outside the gate, fused."""
-
-
-class Outputs(NamedTuple):
-    """When which robot's pose is wanted: rows sorted by stamp."""
-
-    stamp: Stamps
-    robot: Indices
 
 
 class Run(NamedTuple):
@@ -53,24 +49,28 @@ class Run(NamedTuple):
     last_mean: Floats
     last_covariance: Floats
     lost: Indices
-    """How often each robot was lost and searched for anew, shape (n,)."""
+    """How often each block was lost and searched for anew, shape (B,)."""
 
 
 class State(NamedTuple):
-    """What the filter knows of n robots."""
+    """What the filter knows of B blocks moved by D drivers; N numbers."""
 
     x: Floats
-    """Nominal state, shape (3n,)."""
+    """Nominal state, shape (N,)."""
     P: Floats
-    """Covariance of the error state, shape (3n, 3n)."""
+    """Covariance of the error state, shape (N, N)."""
     time: Stamps
-    """Up to when each robot is propagated, ns."""
+    """Up to when each driver is propagated, shape (D,), ns."""
     cursor: Indices
-    """The twist segment that each robot is in."""
+    """The twist segment that each driver is in."""
     memory: Indices
-    """What each robot's ranges said of late (`reacquisition`)."""
+    """What each block's ranges said of late (`reacquisition`)."""
     shift: Floats
-    """How far ranges moved each robot since its last step, shape (n, 2), m; see `propagate`."""
+    """How far ranges moved each block since its last step, shape (B, 2), m; see `propagate`."""
+    F: Floats
+    """Scratch of `carry`, shape (B, 2)."""
+    G: Floats
+    """The same, shape (N, 2)."""
 
 
 @lean
@@ -78,7 +78,7 @@ def propagate(
     x: Floats, P: Floats, shift: Floats, i: int, v: float, omega: float, dt: float,
     interval: float, var_v: float, var_omega: float, form: int,
 ) -> None:  # fmt: skip
-    """Robot i over dt seconds, in place: x <- f(x, u), P <- F P F^T + Q.
+    """Block i of the world over dt seconds, in place: x <- f(x, u), P <- F P F^T + Q.
 
     F differs from the identity only in d(x, y) / d theta = (-dy, dx), the displacement turned by
     90 degrees. With first-estimates Jacobians (Huang, Mourikis, Roumeliotis 2010) it reaches from
@@ -114,22 +114,41 @@ def propagate(
 
 
 @lean
-def advance(state: State, i: int, until: int, segments: Segments, form: int) -> None:
-    """Bring robot i to the time `until` (ns) through its twist segments."""
-    x, P, time, cursor, _, shift = state
-    while time[i] < until:
-        k = cursor[i]
-        if k >= segments.first[i + 1]:
-            time[i] = until
+def advance(state: State, d: int, until: int, segments: Segments, space: Space, form: int) -> None:
+    """Bring driver d to the time `until` (ns) through its twist segments."""
+    x, P, time, cursor, _, shift, F, G = state
+    first = space.first[d]
+    alone = space.first[d + 1] - first == 1 and space.forward[first] == 1 and space.calibration < 0
+    while time[d] < until:
+        k = cursor[d]
+        if k >= segments.first[d + 1]:
+            time[d] = until
             return
         stop = min(until, segments.end[k])
-        propagate(
-            x, P, shift, i, segments.v[k], segments.omega[k], (stop - time[i]) * 1e-9,
-            segments.interval[k], segments.var_v[k], segments.var_omega[k], form,
-        )  # fmt: skip
-        time[i] = stop
+        dt, interval = (stop - time[d]) * 1e-9, segments.interval[k]
+        v, omega = segments.v[k], segments.omega[k]
+        var_v, var_omega = segments.var_v[k], segments.var_omega[k]
+        if alone:
+            i = space.block[first]
+            propagate(x, P, shift, i, v, omega, dt, interval, var_v, var_omega, form)
+        else:
+            var_v, var_omega = interval * var_v, interval * var_omega
+            carry(x, P, F, G, shift, space, d, v, omega, dt, var_v, var_omega)
+        time[d] = stop
         if stop == segments.end[k]:
-            cursor[i] = k + 1
+            cursor[d] = k + 1
+
+
+@inlined
+def bring(
+    state: State, i: int, until: int, segments: Segments, space: Space, form: int, whole: bool
+) -> None:
+    """Bring block i (none if negative) to a time: its robot and, for the `whole`, its base."""
+    if i >= 0:
+        if state.time[space.who[i]] < until:
+            advance(state, space.who[i], until, segments, space, form)
+        if whole and space.base[i] >= 0:
+            advance(state, space.base[i], until, segments, space, form)
 
 
 @lean
@@ -172,10 +191,10 @@ def correct(state: State, work: Work, count: int, large: int | None, first: bool
 
     `first`: keep the correction for first-estimates Jacobians.
 
-    From `large` ranges per robot in information form; with None that is not even compiled.
+    From `large` ranges per block in information form; with None that is not even compiled.
     """
     x = state.x
-    if large is not None and count >= large * (x.size // 3):
+    if large is not None and count >= large * state.shift.shape[0]:
         kalman.batch(state.P, work, count)
     else:
         kalman.sequential(state.P, work, count)
@@ -199,9 +218,9 @@ def read_out(x: Floats, P: Floats, i: int, mean: Floats, covariance: Floats, o: 
 
 @lean
 def eskf(
-    state: State, start: int, lever: Floats, segments: Segments, ranges: RangeTable,
-    outputs: Outputs, gate: float, patience: int, form: int, first: bool, large: int | None,
-    work: Work, run: Run,
+    state: State, start: int, end: int, space: Space, lever: Floats, segments: Segments,
+    ranges: RangeTable, outputs: Outputs, gate: float, patience: int, form: int, first: bool,
+    large: int | None, work: Work, run: Run,
 ) -> None:  # fmt: skip
     """The filter over a whole log: fills `run`; `state` ends as the last posterior.
 
@@ -217,9 +236,9 @@ def eskf(
             now = min(now, ranges.stamp[m])
         last = m
         while last < M and ranges.stamp[last] == now:
-            for i in (ranges.a[last], ranges.b[last]):
-                if i >= 0 and state.time[i] < now:
-                    advance(state, i, now, segments, form)
+            a, b = ranges.a[last], ranges.b[last]
+            bring(state, a, now, segments, space, form, b < 0)
+            bring(state, b, now, segments, space, form, a < 0)
             last += 1
         if last > m:
             judge(state, lever, ranges, m, last, gate, patience, work, run)
@@ -227,11 +246,11 @@ def eskf(
             m = last
         while o < O and outputs.stamp[o] == now:
             i = outputs.robot[o]
-            advance(state, i, now, segments, form)
+            bring(state, i, now, segments, space, form, True)
             read_out(state.x, state.P, i, run.mean, run.covariance, o)
             o += 1
-    for i in range(state.time.size):
-        advance(state, i, now, segments, form)
+    for d in range(state.time.size):
+        advance(state, d, max(now, end), segments, space, form)
 
 
 def most_at_once(stamp: Stamps) -> int:
@@ -253,18 +272,23 @@ def run(
     reacquire: float,
     form: int,
     first: bool = False,
+    space: Space | None = None,
+    end: int | None = None,
 ) -> Run:
-    """Filter one log: joint mean (3n,) and covariance (3n, 3n) at `start` (ns), lever (n, 2).
+    """Filter one log: joint mean (N,) and covariance (N, N) at `start` (ns), lever (B, 2).
 
     gate: chi-square bound of one range, 0 for none; reacquire: s; form: of the process noise;
-    first: first-estimates Jacobians instead of those at the latest estimate.
+    first: first-estimates Jacobians instead of those at the latest estimate; space: by default
+    the world's, one block for each robot that has segments; end: ns, up to where all are carried
+    in the end, by default the last stamp of the ranges and outputs.
     Linear algebra runs in one thread: at these sizes a second one costs more than it helps.
     """
     x, P = mean.astype(np.float64), covariance.astype(np.float64)
-    n, M, O = x.size // 3, ranges.stamp.size, outputs.stamp.size  # noqa: E741
+    space = world_space(segments.first.size - 1) if space is None else space
+    n, M, O = space.who.size, ranges.stamp.size, outputs.stamp.size  # noqa: E741
     state = State(
-        x, P, np.full(n, start), segments.first[:-1].copy(), fresh_memory(n, start),
-        np.zeros((n, 2)),
+        x, P, np.full(segments.first.size - 1, start), segments.first[:-1].copy(),
+        fresh_memory(n, start), np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((x.size, 2)),
     )  # fmt: skip
     work = kalman.workspace(most_at_once(ranges.stamp), x.size)
     result = Run(
@@ -275,7 +299,7 @@ def run(
     large = BATCH_PER_ROBOT if n >= BATCH_ROBOTS else None
     with threadpool_limits(1, "blas") if large is not None else nullcontext():
         eskf(
-            state, start, lever, segments, ranges, outputs, gate, patience, form, first,
-            large, work, result,
+            state, start, start if end is None else end, space, lever, segments, ranges, outputs,
+            gate, patience, form, first, large, work, result,
         )  # fmt: skip
     return result

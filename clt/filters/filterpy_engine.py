@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
-from clt.filters.eskf import REJECTED, USED, Outputs, Run
-from clt.filters.inputs import RangeTable, Segments
+from clt.filters.eskf import REJECTED, USED, Run
+from clt.filters.inputs import Outputs, RangeTable, Segments
 from clt.filters.reacquisition import LOST, fresh_memory, remember
 from clt.filters.reacquisition import reacquire as reacquire_robots
 from clt.filters.unicycle import arc, process_noise

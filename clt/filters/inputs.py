@@ -40,6 +40,14 @@ class Segments(NamedTuple):
     var_omega: Floats
 
 
+class Outputs(NamedTuple):
+    """When which block is wanted: rows sorted by stamp."""
+
+    stamp: Stamps
+    robot: Indices
+    """The block."""
+
+
 class RangeTable(NamedTuple):
     """Ranges to fuse, sorted by stamp; ends are state indices, or -1 - k for the fixed robot k."""
 

@@ -13,17 +13,16 @@ class Posterior:
     """The estimates of one run over a log."""
 
     filter: str
-    frame: str
-    """That of the start (`world`), or `{ego}/base_link` for relative estimates."""
     robots: tuple[str, ...]
-    """The estimated robots in the order of the joint state, three numbers (x, y, heading) each."""
+    """The estimated robots in the order of the joint state."""
     poses: Mapping[str, Poses]
-    """Mean and marginal covariance of each robot after all data up to each stamp."""
+    """Mean and marginal covariance of each robot after all data up to each stamp, in the frame of
+    the start (`world`), or `{ego}/base_link` for relative estimates."""
     innovations: Innovations
     mean: Floats
-    """Joint mean at the end, shape (3 n,)."""
+    """(x, y, heading) of each robot at the end, shape (n, 3)."""
     covariance: Floats
-    """Joint covariance at the end, shape (3 n, 3 n)."""
+    """Of the same, shape (n, 3, 3)."""
     warnings: tuple[str, ...] = ()
     """What a user must know about this run, one line each."""
     left_out: tuple[str, ...] = ()

@@ -31,6 +31,10 @@ class Noise(Settings):
     """Further error of omega as a share of |omega|."""
     sigma_range: Positive | None = None
     """One calibrated range, m."""
+    scale: NotNegative = 0.0
+    """How far off each robot's v may be throughout, as a share of it; beyond 0 it is estimated."""
+    bias: NotNegative = 0.0
+    """How far off each robot's omega may be throughout, rad/s; beyond 0 it is estimated."""
     correlation_time: NotNegative | None = None
     """Of the range error of one pair, s; ranges that come faster tell less than they seem to."""
 

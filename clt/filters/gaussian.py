@@ -1,0 +1,92 @@
+"""The Kalman filters: one Gaussian, linearized at the estimate.
+
+`eskf` is Shi's, with first-estimates Jacobians where the team cannot be fixed; `ekf` the textbook's
+with Jacobians at the latest estimate. As the error state is additive (on the circle for headings),
+the two give the same numbers wherever both linearize at the same points.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clt.errors import UsageError
+from clt.filters import eskf, unicycle
+from clt.filters.prior import Belief
+from clt.filters.problem import Problem
+from clt.filters.settings import FilterSettings
+from clt.filters.solution import Solution
+from clt.filters.space import WORLD
+from clt.streams import Floats
+
+FORMS = {"exact": unicycle.EXACT, "shi": unicycle.SHI}
+
+
+def solve_eskf(problem: Problem, settings: FilterSettings) -> Solution:
+    """Run the error-state Kalman filter on a problem."""
+    return solve(problem, settings, first=first_estimates(problem, settings))
+
+
+def solve_ekf(problem: Problem, settings: FilterSettings) -> Solution:
+    """Run the extended Kalman filter on a problem."""
+    return solve(problem, settings, first=False)
+
+
+def solve(problem: Problem, settings: FilterSettings, *, first: bool) -> Solution:
+    """Run the kernel. Raises UsageError for Shi's process noise outside the world frame."""
+    form = process_form(problem, settings)
+    run = eskf.run(
+        problem.mean,
+        problem.covariance,
+        problem.start,
+        problem.lever,
+        problem.segments,
+        problem.ranges,
+        problem.outputs,
+        gate=settings.gate,
+        reacquire=settings.reacquire,
+        form=form,
+        first=first,
+        space=problem.space,
+        end=problem.end,
+    )
+    return Solution(
+        run.mean,
+        run.covariance,
+        run.residual,
+        run.variance,
+        run.verdict,
+        run.lost,
+        single(run.last_mean, run.last_covariance),
+    )
+
+
+def process_form(problem: Problem, settings: FilterSettings) -> int:
+    """The form of process noise that the kernel takes.
+
+    Raises UsageError where the paper's is asked of blocks that are not in the world.
+    """
+    elsewhere = np.any(problem.space.base != WORLD) or problem.space.calibration >= 0
+    if settings.process == "shi" and elsewhere:
+        raise UsageError(
+            "process=shi is Shi's noise of absolute poses: use --frame world without "
+            "noise.scale and noise.bias"
+        )
+    return FORMS[settings.process]
+
+
+def single(mean: Floats, covariance: Floats) -> Belief:
+    """One Gaussian as a belief."""
+    return Belief(np.zeros(1), mean[None], covariance[None])
+
+
+def first_estimates(problem: Problem, settings: FilterSettings) -> bool:
+    """Whether to take first-estimates Jacobians: as set, else with fewer than two fixed robots.
+
+    Relative poses are not free to move as a whole: there the latest estimate serves.
+    """
+    if np.any(problem.space.base != WORLD):
+        return False
+    if settings.jacobians != "auto":
+        return settings.jacobians == "first"
+    ends = np.append(problem.ranges.a, problem.ranges.b)
+    return np.unique(ends[ends < 0]).size < 2

@@ -1,0 +1,37 @@
+"""What every filter fills in for a problem."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from clt.filters.prior import Belief
+from clt.filters.problem import Problem
+from clt.filters.settings import FilterSettings
+from clt.streams import Floats, Indices
+
+
+@dataclass(frozen=True)
+class Solution:
+    """One row per output and one per range of a `Problem`."""
+
+    mean: Floats
+    """Of the output's block, (outputs, 3), heading in (-pi, pi]."""
+    covariance: Floats
+    """(outputs, 3, 3)."""
+    residual: Floats
+    """m."""
+    variance: Floats
+    """Of the residual, m^2."""
+    verdict: Indices
+    """`eskf.REJECTED` or `eskf.USED`."""
+    lost: Indices
+    """How often each block was lost and searched for anew, shape (B,)."""
+    belief: Belief
+    """At the problem's end."""
+    share: Floats | None = None
+    """Probability of the leading mode of each output's block, (outputs,); None where a filter
+    knows only one."""
+
+
+Filter = Callable[[Problem, FilterSettings], Solution]

@@ -1,0 +1,142 @@
+"""State spaces: whose poses in which robot's frame a filter estimates, and how they move.
+
+A state is a stack of blocks, three numbers (x, y, theta) each: the pose T_ji of robot j (`who`) in
+the frame of i (`base`). Shi's world frame, Araki's ego frame and Freeman's mutual transforms are
+three choices of the blocks. A robot's odometry carries the blocks that it is `who` of forwards and
+those that it is `base` of backwards: T_ji <- inv(A_i) T_ji A_j for the arcs A_i, A_j.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from clt.errors import UsageError
+from clt.filters.compiled import inlined, lean
+from clt.filters.unicycle import arc
+from clt.geometry import relative_pose, rotation
+from clt.streams import Floats, Indices
+
+WORLD = -1
+"""The base of a block that stands in a fixed frame."""
+
+
+class Space(NamedTuple):
+    """Which driver (a robot with its odometry) moves which blocks; what the kernels read."""
+
+    who: Indices
+    """Driver whose pose each block holds, shape (B,)."""
+    base: Indices
+    """Driver in whose body frame it stands, or WORLD, shape (B,)."""
+    first: Indices
+    """Driver d moves the rows first[d] .. first[d + 1] of the next two, shape (D + 1,)."""
+    block: Indices
+    forward: Indices
+    """1 where the driver is the block's `who`, 0 where its `base`."""
+    calibration: int
+    """State index of the drivers' (scale, bias) pairs behind the blocks; -1 without."""
+
+
+class View(NamedTuple):
+    """A choice of frame, as a user makes it."""
+
+    kind: str
+    """world, ego or mutual."""
+    names: tuple[str, ...] = ()
+    """The ego; or the two robots."""
+
+
+def parse_view(text: str) -> View:
+    """`world`, `ego:NAME` or `mutual:A,B`. Raises UsageError for anything else."""
+    kind, colon, rest = text.partition(":")
+    names = tuple(rest.split(",")) if colon else ()
+    wanted = {"world": 0, "ego": 1, "mutual": 2}.get(kind)
+    if wanted != len(names) or "" in names or len(set(names)) != len(names):
+        raise UsageError(f"--frame {text}: not world, ego:NAME or mutual:A,B")
+    return View(kind, names)
+
+
+def make_space(who: Sequence[int], base: Sequence[int], *, calibrated: bool = False) -> Space:
+    """The space of some blocks; `calibrated` puts the odometry's errors into the state."""
+    pairs = [(d, b, 1) for b, d in enumerate(who)]
+    pairs += [(d, b, 0) for b, d in enumerate(base) if d != WORLD]
+    pairs.sort()
+    drivers = max((d for d, _, _ in pairs), default=-1) + 1
+    counts = np.bincount(np.array([d for d, _, _ in pairs], np.int64), minlength=drivers)
+    return Space(
+        np.array(who, np.int64),
+        np.array(base, np.int64),
+        np.append(0, np.cumsum(counts)),
+        np.array([b for _, b, _ in pairs], np.int64),
+        np.array([forward for _, _, forward in pairs], np.int64),
+        3 * len(who) if calibrated else -1,
+    )
+
+
+def world_space(robots: int, *, calibrated: bool = False) -> Space:
+    """Shi's: the pose of every robot in a fixed frame."""
+    return make_space(range(robots), [WORLD] * robots, calibrated=calibrated)
+
+
+@inlined
+def twist(x: Floats, space: Space, d: int, v: float, omega: float) -> tuple[float, float]:
+    """The measured twist of driver d with the errors that the state knows taken off."""
+    if space.calibration < 0:
+        return v, omega
+    s = space.calibration + 2 * d
+    return (1.0 + x[s]) * v, omega + x[s + 1]
+
+
+@lean
+def move(x: Floats, space: Space, d: int, v: float, omega: float, dt: float) -> None:
+    """Driver d moves with a constant twist (m/s, rad/s) for dt seconds: its blocks of x, in place.
+
+    Exact: Araki's eq. (1) integrated for the ego's and the neighbour's arcs one after the other.
+    """
+    for k in range(space.first[d], space.first[d + 1]):
+        X, Y, T = 3 * space.block[k], 3 * space.block[k] + 1, 3 * space.block[k] + 2
+        if space.forward[k] == 1:
+            dx, dy, _, _ = arc(x[T], v, omega, dt)
+            x[X] += dx
+            x[Y] += dy
+            x[T] += omega * dt
+        else:
+            dx, dy, _, _ = arc(0.0, v, omega, dt)
+            c, s = np.cos(omega * dt), np.sin(omega * dt)
+            px, py = x[X] - dx, x[Y] - dy
+            x[X], x[Y] = c * px + s * py, c * py - s * px
+            x[T] -= omega * dt
+
+
+def relative_blocks(
+    mean: Floats, covariance: Floats, who: Sequence[int], base: Sequence[int]
+) -> tuple[Floats, Floats]:
+    """Poses (n, 3) of one frame with joint covariance (3n, 3n) as blocks: (3B,), (3B, 3B).
+
+    `who`, `base` (or WORLD) index the poses. First order in the errors: M P M^T.
+    """
+    x, M = np.empty(3 * len(who)), np.zeros((3 * len(who), covariance.shape[0]))
+    for b, (j, i) in enumerate(zip(who, base, strict=True)):
+        rows, own = slice(3 * b, 3 * b + 3), slice(3 * j, 3 * j + 3)
+        if i == WORLD:
+            x[rows], M[rows, own] = mean[j], np.eye(3)
+            continue
+        T = relative_pose(mean[i], mean[j])
+        x[rows] = T
+        R = np.eye(3)
+        R[:2, :2] = rotation(-float(mean[i, 2]))
+        M[rows, own] = R
+        M[rows, 3 * i : 3 * i + 3] = -R
+        M[3 * b : 3 * b + 2, 3 * i + 2] = T[1], -T[0]
+    return x, M @ covariance @ M.T
+
+
+def sample_blocks(poses: Floats, who: Sequence[int], base: Sequence[int]) -> Floats:
+    """Samples of joint poses (k, n, 3) as samples of the blocks (k, 3B); exact."""
+    blocks = [
+        poses[:, j] if i == WORLD else relative_pose(poses[:, i], poses[:, j])
+        for j, i in zip(who, base, strict=True)
+    ]
+    return np.concatenate(blocks, axis=1)
