@@ -71,7 +71,7 @@ def rows(evaluation: Evaluation) -> Iterator[tuple[str, str, Score | None]]:
     """(label, style, figures): each robot and the team, dead reckoning below each."""
     estimate, baseline = evaluation.estimate, evaluation.dead_reckoning
     for name, score in estimate.scores.items():
-        yield name, "", score
+        yield evaluation.label(name), "", score
         yield BASELINE, "dim", baseline.scores.get(name)
     if estimate.team is not None:
         yield "team", "bold", estimate.team

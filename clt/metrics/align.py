@@ -22,6 +22,8 @@ STANDING = 1e-6
 """Points whose root mean square distance from their centre is below this (m) show no rotation."""
 CLEARLY = 0.5
 """A mirror image fits clearly better when it leaves less than this share of the residual."""
+ASIDE = 0.25
+"""A mirror image is told from an error by lying at least this share of the distance away."""
 FLIP = np.array([1.0, -1.0])
 
 
@@ -95,6 +97,15 @@ def mirrored(source: Floats, target: Floats, weight: Floats | None = None) -> bo
     if proper < 1e-6 * spread(target, weight):
         return False
     return residual(source * FLIP, target, weight) < CLEARLY * proper
+
+
+def flipped(source: Floats, target: Floats) -> bool:
+    """Whether `source` (n, 2) lies clearly nearer to `target` once mirrored on the x axis.
+
+    What lies near that axis looks like its mirror image: False.
+    """
+    square = [float(np.mean(p**2)) for p in (source - target, source * FLIP - target, target)]
+    return square[1] < CLEARLY**2 * square[0] and square[0] > ASIDE**2 * square[2]
 
 
 def first(estimate: Floats, truth: Floats) -> Transform:

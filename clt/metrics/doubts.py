@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from clt.metrics.evaluation import Side
+from clt.metrics.tracks import ego_of
 from clt.metrics.warned import Warned
 from clt.streams import Poses, Team
 
@@ -24,22 +25,35 @@ def missing(
     estimates: Mapping[str, Poses],
     targets: Mapping[str, Poses],
 ) -> list[Warned]:
-    """Robots without truth, and moving robots without an estimate."""
-    egos = {track.frame.lstrip("/").partition("/")[0] for track in estimates.values()}
+    """Robots without truth, relative truth that is short, moving robots without an estimate."""
+    egos = {name: ego_of(track.frame, team.names) for name, track in estimates.items()}
     warnings = [
         Warned(f"{name}: no truth, not scored", partial=True)
         for name in estimates
-        if name not in targets
+        if name not in truth
     ]
+    for name, ego in egos.items():
+        if ego is not None and name in truth:
+            warnings += _apart(name, ego, truth, targets.get(name))
     warnings += [
         Warned(f"{robot.name}: no estimate", partial=True)
         for robot in team.moving
-        if robot.name in truth and robot.name not in estimates and robot.name not in egos
+        if robot.name in truth and robot.name not in {*estimates, *egos.values()}
     ]
     if len({track.frame for track in truth.values()}) > 1:
         frames = ", ".join(dict.fromkeys(track.frame for track in truth.values()))
         warnings.append(Warned(f"the truth stands in several frames ({frames}), taken as one"))
     return warnings
+
+
+def _apart(name: str, ego: str, truth: Mapping[str, Poses], target: Poses | None) -> list[Warned]:
+    """A word on a relative truth that holds less than either of the two that it is made of."""
+    most = min(len(truth[name].stamp), len(truth[ego].stamp))
+    count = 0 if target is None else len(target.stamp)
+    if count >= LITTLE * most:
+        return []
+    text = f"{name}: only {count} of {most} truth poses have one of {ego} in reach (--max-gap)"
+    return [Warned(text, partial=count == 0)]
 
 
 def diverged(estimate: Side, baseline: Side) -> list[Warned]:

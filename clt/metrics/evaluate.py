@@ -40,17 +40,18 @@ def evaluate(recording: Recording, options: EvaluateOptions | None = None) -> Ev
     scene = Scene(recording.team, frame, relative, truth, matched)
     align = choose(scene, truth_frame, options.align)
     transforms = register(scene, matched, align)
-    estimate = _side(recording.team, matched, transforms, options.delta)
+    estimate = _side(recording.team, matched, transforms, options.delta, relative)
     reckoned = in_frame(reckoned, estimates, names, options.max_gap)
     baseline = _matched(targets, reckoned, options)
     own, unaligned = _baseline(scene, baseline, align, transforms)
-    dead_reckoning = _side(recording.team, baseline, own, options.delta)
+    dead_reckoning = _side(recording.team, baseline, own, options.delta, relative)
     mirror = mirrors(scene)
     innovations = recording.innovations
     return Evaluation(
         frame=frame,
         truth_frame=truth_frame,
         relative=relative,
+        frames={name: track.frame.lstrip("/") for name, track in estimates.items()},
         filter=recording.run.get("filter"),
         align=align,
         options=options,
@@ -102,6 +103,8 @@ def _matched(
 
 def _no_match(truth: Mapping[str, Poses], options: EvaluateOptions) -> str:
     count = sum(len(track.stamp) for track in truth.values())
+    if count == 0:
+        return f"no truth pose has one of the ego in reach (--max-gap {options.max_gap:g} s)"
     if options.associate == "nearest":
         limit = f"within --max-diff {options.max_diff:g} s"
     else:
@@ -110,11 +113,17 @@ def _no_match(truth: Mapping[str, Poses], options: EvaluateOptions) -> str:
 
 
 def _side(
-    team: Team, tracks: Mapping[str, Matched], transforms: Mapping[str, Transform], delta: Delta
+    team: Team,
+    tracks: Mapping[str, Matched],
+    transforms: Mapping[str, Transform],
+    delta: Delta,
+    relative: bool,
 ) -> Side:
     aligned = {name: transformed(m, transforms[name]) for name, m in tracks.items()}
     scores = {name: score([m], delta) for name, m in aligned.items()}
     moving = [aligned[robot.name] for robot in team.moving if robot.name in aligned]
+    if relative and len(moving) == 0:  # what stands still moves all the same in a body frame
+        moving = list(aligned.values())
     return Side(
         tracks=aligned,
         transforms={name: transforms[name] for name in aligned},

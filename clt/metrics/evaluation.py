@@ -49,6 +49,8 @@ class Evaluation:
     truth_frame: str
     relative: bool
     """Estimates in a body frame: `ape` holds the error of the relative position."""
+    frames: Mapping[str, str]
+    """The frame of each robot's estimates."""
     filter: str | None
     align: Align
     options: EvaluateOptions
@@ -59,12 +61,19 @@ class Evaluation:
     mirror: bool
     warnings: tuple[Warned, ...]
 
+    def label(self, name: str) -> str:
+        """A robot for people: its name, with the body it is seen from where these differ."""
+        if len(set(self.frames.values())) == 1:
+            return name
+        return f"{name} in {self.frames[name].partition('/')[0]}"
+
     def as_dict(self, log: str) -> dict[str, Any]:
         """The object that `clt evaluate --json` prints."""
         robots = dict.fromkeys([*self.estimate.scores, *self.dead_reckoning.scores])
         return {
             "log": log,
             "frame": self.frame,
+            "frames": dict(self.frames),
             "truth_frame": self.truth_frame,
             "align": self.align,
             "filter": self.filter,

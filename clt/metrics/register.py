@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clt.errors import CltError, UsageError
-from clt.metrics.align import Align, Transform, first, fit, mirrored
+from clt.metrics.align import Align, Transform, first, fit, flipped, mirrored
 from clt.metrics.associate import Matched
 from clt.metrics.warned import Warned
 from clt.streams import WORLD, Floats, Poses, Team
@@ -138,6 +138,7 @@ def mirrors(scene: Scene) -> Warned | None:
 
     Static robots of known position take part with the weight of a whole track: they unmask a
     robot that was mirrored on the line through them even if it drove along a straight line.
+    Relative estimates are mirrored on the x axis of the ego's body, as they stand.
     """
     moving = {name: m for name, m in scene.matched.items() if len(m.stamp) >= FEW}
     if len(moving) == 0:
@@ -156,6 +157,8 @@ def mirrors(scene: Scene) -> Warned | None:
 
 def _is_mirrored(scene: Scene, tracks: Mapping[str, Matched]) -> bool:
     source, target = _positions(tracks)
+    if scene.relative:
+        return flipped(source, target)
     fixed = list(known_anchors(scene).values())
     weight = np.ones(len(source) + len(fixed))
     weight[len(source) :] = len(source) / len(tracks)

@@ -17,10 +17,15 @@ from clt.streams import Poses, Team
 BODY = "/base_link"
 
 
+def is_body(frame: str) -> bool:
+    """Whether a frame is the body of some robot, of the team or not."""
+    return f"/{frame}".endswith(BODY)
+
+
 def ego_of(frame: str, names: tuple[str, ...]) -> str | None:
     """The robot in whose body frame an estimate stands; None for a fixed frame."""
     name = frame.lstrip("/").removesuffix(BODY)
-    return name if frame.endswith(BODY) and name in names else None
+    return name if is_body(frame) and name in names else None
 
 
 def select(poses: Poses, keep: NDArray[np.bool_]) -> Poses:
@@ -64,13 +69,17 @@ def clean(
 
 
 def relative(ego: Poses, other: Poses, frame: str, max_gap: float) -> Poses:
-    """inv(X_i) X_j at the stamps of `other`, with the ego's pose interpolated (`max_gap`, s)."""
-    found, X_i, _ = interpolate(ego, other.stamp, max_gap)
-    keep = np.zeros(len(other.stamp), bool)
-    keep[found] = True
-    X_j = select(replace(other, covariance=None), keep)
-    x, y, heading = relative_pose(X_i, as_array(X_j)).T
-    return replace(X_j, frame=frame, x=x, y=y, heading=heading)
+    """inv(X_i) X_j at the stamps of the sparser track, with the other interpolated (`max_gap`, s).
+
+    Poses of the ego without heading are no body frame and left out.
+    """
+    ego = select(ego, np.isfinite(ego.heading))
+    base, dense = (ego, other) if len(ego.stamp) < len(other.stamp) else (other, ego)
+    found, between, _ = interpolate(dense, base.stamp, max_gap)
+    at = as_array(base)[found]
+    X_i, X_j = (at, between) if base is ego else (between, at)
+    x, y, heading = relative_pose(X_i, X_j).T
+    return Poses(frame, base.stamp[found], base.log_time[found], x, y, heading)
 
 
 def in_frame(
@@ -79,7 +88,7 @@ def in_frame(
     """The tracks of the robots in `targets`, each brought into its target's body frame.
 
     Targets in a fixed frame, and tracks that stand in the target's frame already, are passed on.
-    A robot whose own or whose ego's track is missing is left out.
+    A robot whose own or whose ego's track is missing, or stands in another body, is left out.
     """
     found: dict[str, Poses] = {}
     for name, target in targets.items():
@@ -87,9 +96,9 @@ def in_frame(
         track = tracks.get(name)
         if track is None:
             continue
-        if ego is None or track.frame == target.frame:
+        if ego is None or track.frame.lstrip("/") == target.frame.lstrip("/"):
             found[name] = track
-        elif ego in tracks:
+        elif ego in tracks and not is_body(track.frame) and not is_body(tracks[ego].frame):
             moved = relative(tracks[ego], track, target.frame, gap)
             if len(moved.stamp) > 0:
                 found[name] = moved
@@ -105,6 +114,9 @@ def check_frames(team: Team, truth: Mapping[str, Poses], estimates: Mapping[str,
     """Whether the estimates are relative. Raises CltError where they cannot be scored together."""
     egos = {ego_of(track.frame, team.names) for track in estimates.values()}
     fixed = {track.frame.lstrip("/") for track in estimates.values()}
+    strange = sorted(frame for frame in fixed if is_body(frame) and not ego_of(frame, team.names))
+    if len(strange) > 0:
+        raise CltError(f"no robot of the team has the body `{strange[0]}` that estimates stand in")
     if egos == {None}:
         if len(fixed) > 1:
             raise CltError(f"estimates stand in several frames ({frame_of(estimates)})")

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
+from matplotlib.text import Annotation
 from numpy.typing import NDArray
 
 from clt.metrics.associate import SECOND
@@ -18,6 +19,8 @@ from clt.streams import Floats, Innovations, Poses, Recording, Stamps
 
 NAMED = 8
 """With more robots, names would hide the picture."""
+RIGHT = 0.7
+"""Where the right edge begins, as a share of the width."""
 LONG = 2.0
 """Lines are broken across longer gaps, s."""
 POINTS = 2500
@@ -50,16 +53,18 @@ def trajectories(axes: Axes, recording: Recording, evaluation: Evaluation) -> No
         x, y = evaluation.estimate.tracks[name].truth[0, :2]
         axes.plot(x, y, "o", color=shade, markersize=6.5, markeredgecolor="white", zorder=6)
         if len(colours) <= NAMED:
-            _name(axes, name, x, y, shade)
+            _name(axes, evaluation.label(name), x, y, shade)
     if evaluation.relative:
         axes.plot(0.0, 0.0, ">", color=INK, markersize=8, zorder=7)
-        _name(axes, evaluation.frame.partition("/")[0], 0.0, 0.0, INK)
+        egos = dict.fromkeys(frame.partition("/")[0] for frame in evaluation.frames.values())
+        _name(axes, ", ".join(egos), 0.0, 0.0, INK)
     else:
         _static(axes, recording, evaluation)
     frame = evaluation.frame if evaluation.relative else evaluation.truth_frame
     axes.set(title=f"Trajectories in {frame}", xlabel="x in m", ylabel="y in m")
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.1)
+    _turn_names(axes)
     quiet(axes)
     _key(axes, static=not evaluation.relative and len(recording.team.static) > 0)
 
@@ -90,6 +95,14 @@ def _name(axes: Axes, name: str, x: float, y: float, shade: str) -> None:
         name, (x, y), xytext=(6, 6), textcoords="offset points", color=shade, weight="bold"
     )
     text.set(zorder=8, path_effects=[withStroke(linewidth=2.5, foreground="white")])
+
+
+def _turn_names(axes: Axes) -> None:
+    """Names near the right edge stand left of their points."""
+    edge = axes.dataLim.x0 + RIGHT * axes.dataLim.width
+    for text in axes.texts:
+        if isinstance(text, Annotation) and text.xy[0] > edge:
+            text.set(ha="right", position=(-6, 6))
 
 
 def _static(axes: Axes, recording: Recording, evaluation: Evaluation) -> None:
