@@ -66,7 +66,7 @@ class Segments(Settings):
         last = (self.segments[-1],) if self.repeat else ()
         for one, two in pairwise((*last, *self.segments)):
             if one.v * two.v < 0.0 and (one.omega != 0.0 or two.omega != 0.0):
-                raise ValueError("a car stops before it turns the other way; add a segment at rest")
+                raise ValueError("a car stops before it drives back; add a segment at rest")
         return self
 
 

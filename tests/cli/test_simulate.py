@@ -2,6 +2,7 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -87,7 +88,7 @@ def test_list(clt):
     listed = json.loads(clt("simulate", "--list", "--json").stdout)
     assert [line.split()[0] for line in lines] == list(listed)
     assert all(line.endswith(listed[line.split()[0]]) for line in lines)
-    assert "shi-sim" in listed
+    assert {"shi-sim", "araki-five", "freeman", "li-two"} <= set(listed)
 
 
 def test_show_prints_a_scenario_that_gives_the_same_data(clt, tmp_path):
@@ -146,6 +147,8 @@ def test_precedence(clt, tmp_path):
         (("shi-sim", "-o", "a.mcap", "--set", "duration"), "expected KEY=VALUE"),
         (("shi-sim", "-o", "a.mcap", "--duration", "-1"), "greater than 0"),
         (("shi-sim", "-o", "a.mcap", "--duration", "nan"), "finite number"),
+        (("shi-sim", "-o", "a.mcap", "--set", "network.recorder=R9"), "no robot R9 in the team"),
+        (("shi-sim", "-o", "a.mcap", "--set", "network.clock=1"), "did you mean `clock_sd`?"),
     ],
 )
 def test_wrong_usage_ends_in_one_line_and_code_2(clt, tmp_path, words, text):
@@ -175,3 +178,24 @@ def test_an_existing_log_stays(clt, tmp_path):
     assert (tmp_path / "a.mcap").read_bytes() == b"mine"
     assert clt(*SHORT, "-o", "a.mcap", "--force").exit_code == 0
     assert (tmp_path / "a.mcap").stat().st_size > 1000
+
+
+REAL = (
+    "sensors.odometry.scale_sd=0.03", "sensors.odometry.bias_sd=0.03",
+    "network.delay_mean=0.084", "network.delay_sd=0.071",
+    "network.clock_mean=0.002", "network.clock_sd=0.009", "network.batch=0.03",
+)  # fmt: skip
+
+
+def test_of_the_documented_reality_only_the_overtaking_is_told(clt):
+    """Stamps of fast clocks, some ahead of their own arrival, are no fault."""
+    words = [word for key in REAL for word in ("--set", key)]
+    assert clt("simulate", "araki-five", *words, "-o", "a.mcap").exit_code == 0
+    info = clt("info", "a.mcap", "--json")
+    assert info.exit_code == 0
+    assert {fault["kind"] for fault in json.loads(info.stdout)["faults"]} == {"backwards"}
+
+
+def test_the_readme_documents_that_reality():
+    readme = (Path(__file__).parents[2] / "README.md").read_text()
+    assert all(f"--set {key}" in readme for key in REAL)

@@ -103,3 +103,21 @@ def test_robots_have_their_own_drives():
     assert (found["still"].x[-1], found["still"].heading[-1]) == (1.0, 0.5)
     assert found["slow"].s[-1] < found["R5"].s[-1] / 2
     assert (found["slow"].x[0], found["slow"].y[0]) == (5.0, 5.0)
+
+
+def test_a_turn_radius_holds_on_ramps_too():
+    draw = np.random.default_rng(4)
+    for _ in range(20):
+        v = draw.choice([0.0, 0.4, 0.7, 1.0], 6)
+        omega = v / 1.2 * draw.uniform(-1.0, 1.0, 6)
+        segments = [
+            {"duration": 1.0, "v": float(a), "omega": float(b)}
+            for a, b in zip(v, omega, strict=True)
+        ]
+        path = driven(
+            duration=12.0, team__moving=1,
+            trajectory={"kind": "segments", "segments": segments, "turn_radius": 1.2, "ramp": 0.7,
+                        "repeat": True},
+        )["R3"]  # fmt: skip
+        state = at(path, np.linspace(0.0, 12.0, 2000))
+        assert (abs(state.omega) * 1.2 <= abs(state.v) + 1e-9).all()

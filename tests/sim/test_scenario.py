@@ -55,6 +55,36 @@ SEGMENT = {"duration": 1.0, "v": 0.5, "omega": 0.0}
         ({"sensors.range.rate": 0}, "`sensors.range.rate`"),
         ({"sensors.odometry.twist": "average"}, "`sensors.odometry.twist`"),
         ({"trajectory": {"kind": "segments", "segments": []}}, "`trajectory.segments`"),
+        ({"trajectory": {"kind": "segments", "segments": [SEGMENT], "turn_radius": 0}}, "than 0"),
+        (
+            {
+                "trajectory": {
+                    "kind": "segments",
+                    "segments": [SEGMENT | {"omega": -0.42}],
+                    "turn_radius": 1.2,
+                }
+            },
+            "omega = -0.42 at v = 0.5 turns more tightly than turn_radius = 1.2",
+        ),
+        (
+            {
+                "trajectory": {
+                    "kind": "segments",
+                    "segments": [SEGMENT | {"omega": 0.4}, SEGMENT | {"v": -0.5}],
+                    "turn_radius": 1.2,
+                }
+            },
+            "a car stops before it drives back",
+        ),
+        ({"network.batch": -0.1}, "`network.batch`"),
+        ({"network.clock_sd": -0.1}, "`network.clock_sd`"),
+        ({"network.recorder": "1"}, "`network.recorder`"),
+        ({"sensors.range.rate_spread": 1.0}, "`sensors.range.rate_spread`"),
+        ({"sensors.range.phase": "none"}, "`sensors.range.phase`"),
+        ({"sensors.odometry.at_rest": 1.5}, "`sensors.odometry.at_rest`"),
+        ({"sensors.odometry.gaps.share": 1.0}, "`sensors.odometry.gaps.share`"),
+        ({"sensors.odometry.gaps.length": 0}, "`sensors.odometry.gaps.length`"),
+        ({"sensors.odometry.scale_sd": -1}, "`sensors.odometry.scale_sd`"),
         (
             {"trajectory": {"kind": "segments", "segments": [SEGMENT], "ramp": 2.0}},
             "ramp is longer than a segment",
@@ -111,6 +141,10 @@ def test_no_such_scenario(source, text):
                     {"name": "B", "static": True, "position": [1, 1]}]},
         {"description": literal('"quotes \\" and lines \\n"'), "seed": 2**62 + 1},
         {"sensors.range.sigma": 0.1 + 0.2, "outliers.mean": 1e-17},
+        {"network.batch": 0.03, "network.clock_mean": -0.002, "network.recorder": "R3"},
+        {"sensors.odometry.gaps.share": 0.1, "sensors.odometry.at_rest": 0.0,
+         "sensors.odometry.phase": "random", "sensors.range.rate_spread": 0.1},
+        {"trajectory": {"kind": "segments", "segments": [SEGMENT], "turn_radius": 1.2}},
     ],
 )  # fmt: skip
 def test_effective_toml_is_the_scenario(overrides, tmp_path):
@@ -118,3 +152,12 @@ def test_effective_toml_is_the_scenario(overrides, tmp_path):
     path = tmp_path / "effective.toml"
     path.write_bytes(effective_toml(scenario).encode())
     assert load_scenario(str(path)) == scenario
+
+
+def test_an_imperfection_is_written_out_where_a_scenario_has_it():
+    keys = {"network.clock_sd": 0.009, "sensors.odometry.gaps": {"share": 0.1}}
+    told = effective_toml(load_scenario("shi-sim", keys))
+    assert "clock_sd = 0.009" in told
+    assert "[sensors.odometry.gaps]" in told
+    assert "batch" not in told
+    assert "gaps" not in effective_toml(load_scenario("shi-sim"))
