@@ -10,7 +10,8 @@ uwb-relative-localization-dataset, whose robots have no odometry.
   recorder 0.08 s later, ranges and truth at once.
 - A range that both ends publish (n_A/n_B and n_B/n_A, equal, within 1 ms) counts once.
 - A bag does not tell which robot carries which node. Equal numbers belong together, and if
-  one node and one robot are left (n_2 and turtle01 of the pair), those two.
+  one node and one robot are left (n_2 and turtle01 of the pair), those two. Ranges that the truth
+  gives the lie are told.
 - A node is static if it has no odometry and its truth stands still; without truth, if all the
   others do.
 - The ranges read long, by 0.25 m in the pair: see `benchmarks/tiers_calibration.toml`.
@@ -27,6 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.errors import LogError
+from clt.importers.ends import check_ends
 from clt.importers.rosbag import bag_files, read_bag
 from clt.log import convert, ranging
 from clt.log.faults import Faults
@@ -83,10 +85,12 @@ def read_tiers(path: Path) -> Recording:
         ranging.measure(log, RangeStream(topic, name_of[source], name_of[target]))
         for topic, (source, target) in pairs.items()
     ]
+    ranges = _told_once(ranging.join(log, measured, team), log.faults)
+    check_ends(ranges, team, truth, log.faults)
     return Recording(
         team=team,
         odometry=odometry,
-        ranges=_told_once(ranging.join(log, measured, team), log.faults),
+        ranges=ranges,
         truth=truth,
         faults=log.faults.all(),
     )

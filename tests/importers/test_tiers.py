@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import gzip
+import json
 import shutil
 import sqlite3
 from pathlib import Path
@@ -8,12 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rosbags.typesys import Stores
+from typer.testing import CliRunner
 
 from clt.calibration import apply, read_calibration
+from clt.cli.app import app
 from clt.errors import LogError
 from clt.geometry import wrap
 from clt.importers import FORMATS
 from clt.importers.tiers import read_tiers
+from clt.log.load import load
 from clt.metrics.associate import interpolate
 from clt.streams import Recording
 from tests.importers.bags import SECOND, write_bag
@@ -159,6 +163,45 @@ def test_nodes_and_robots_whose_numbers_do_not_tell(tmp_path):
         ("node2", 2, False),
         ("node7", 7, False),
     ]
+
+
+def test_a_node_on_another_robot_is_told_by_the_truth(tmp_path):
+    """Three robots; what is called n_1 rides on turtlebot2, and the other way around."""
+    place = {"1": (0.0, 0.0), "2": (4.0, 0.0), "3": (4.0, 1.0)}
+    topics = {
+        f"/vrpn_client_node/turtlebot{robot}/pose": every(0.1, 20, *xy, 0.0)
+        for robot, xy in place.items()
+    }
+    distance = {("1", "2"): 4.0, ("1", "3"): 1.0, ("2", "3"): np.hypot(4.0, 1.0)}
+    for (a, b), metres in distance.items():
+        topics[f"/uwb/tof/n_{a}/n_{b}/distance"] = every(0.1, 20, metres + 0.3)
+    faults = read_tiers(write_bag(tmp_path / "bag", topics)).faults
+    assert [(fault.kind, fault.count, fault.data_lost) for fault in faults] == [
+        ("ends", 20, False),
+        ("ends", 20, False),
+    ]
+    assert "turtlebot1-turtlebot3: ranges are 2.8 m (median) off" in faults[0].text
+    assert "turtlebot2-turtlebot3: ranges are 3.4 m (median) off" in faults[1].text
+
+
+def test_command(tmp_path):
+    path = write_bag(tmp_path / "bag", streams())
+    out, calibration = tmp_path / "out.mcap", tmp_path / "calibration.toml"
+    calibration.write_text("[range]\noffset = -0.5\n[odometry.turtle01]\nscale = 2.0\n")
+    words = ["import", "tiers", str(path.parent), "-o", str(out), "--calibration", str(calibration)]
+    result = CliRunner().invoke(app, [*words, "--json"])
+    assert result.exit_code == 0
+    told = json.loads(result.stdout)
+    assert (told["format"], told["calibrated"], told["ranges"]) == ("tiers", True, 100)
+    recording = load(out).recording
+    direct = read_tiers(path)
+    assert recording.team == direct.team
+    assert recording.ranges.range == pytest.approx(direct.ranges.raw - 0.5)
+    assert np.array_equal(recording.ranges.log_time, direct.ranges.log_time)
+    assert recording.odometry["turtle01"].v == pytest.approx(2.0 * direct.odometry["turtle01"].v)
+    assert list(json.loads(recording.run["inputs"])) == [str(path), str(calibration)]
+    again = CliRunner().invoke(app, [*words[:2], str(tmp_path), *words[3:], "--force"])
+    assert again.exit_code == 1
 
 
 @pytest.mark.parametrize(
