@@ -46,7 +46,10 @@ def observability(
         str, typer.Option(metavar="R3,R4|all", help="Moving robots that stand still.")
     ] = "",
     straight: Annotated[
-        str, typer.Option(metavar="R3,R4|all", help="Robots that drive and do not turn.")
+        str, typer.Option(metavar="R3,R4|all", help="Robots that do not turn, at any speeds.")
+    ] = "",
+    steady: Annotated[
+        str, typer.Option(metavar="R3,R4|all", help="Robots that do not turn, at constant speeds.")
     ] = "",
     parallel: Annotated[
         str, typer.Option(metavar="R3,R4|all", help="Robots straight abreast at one speed.")
@@ -79,7 +82,7 @@ def observability(
 
     Examples:
       clt observability --moving 3 --static 1 --known 1
-      clt observability --moving 2 --static 0 --frame ego --parallel all
+      clt observability --moving 2 --static 0 --frame ego --steady all
       clt observability run.mcap --window 20 -o windows.png
     """
     import json
@@ -92,6 +95,7 @@ def observability(
     conditions = {
         "--at-rest": at_rest,
         "--straight": straight,
+        "--steady": steady,
         "--parallel": parallel,
         "--in-line": in_line,
     }
@@ -160,6 +164,7 @@ def described(told: dict[str, int | None], frame: str, conditions: dict[str, str
         for option, text in conditions.items()
     }
     motions = dict.fromkeys(chosen["--straight"], Motion.STRAIGHT)
+    motions |= dict.fromkeys(chosen["--steady"], Motion.STEADY)
     motions |= dict.fromkeys(chosen["--at-rest"], Motion.REST)
     nodes = tuple(replace(node, motion=motions.get(node.name, Motion.FREE)) for node in nodes)
     place = {node.name: k for k, node in enumerate(nodes)}

@@ -9,6 +9,8 @@ from clt.observability.windows import Seen, Windows
 
 MOST_LINES = 12
 """Unobservable directions told; --json has all."""
+HIDDEN = "no range tells:"
+BENT = "ranges tell only to second order, next to nothing while the team stays so:"
 
 
 def show(found: Analysis, *, verbose: bool) -> None:
@@ -31,17 +33,19 @@ def show(found: Analysis, *, verbose: bool) -> None:
         f"{verdict}: rank {found.rank} of {found.dimension}, nullity {found.nullity} "
         f"(Lie derivatives up to order {found.order})"
     )
-    names = [direction.name for direction in found.unobservable]
-    section("no range tells:", names[:MOST_LINES])
-    if len(names) > MOST_LINES:
-        print(f"  and {len(names) - MOST_LINES} more (--json)")
+    for title, hidden in ((HIDDEN, True), (BENT, False)):
+        names = [one.name for one in found.unobservable if one.hidden is hidden]
+        section(title, names[:MOST_LINES])
+        if len(names) > MOST_LINES:
+            print(f"  and {len(names) - MOST_LINES} more (--json)")
     if verbose:
         for direction in found.unobservable[:MOST_LINES]:
             section(
                 f"{direction.name}, as a vector:",
                 [f"{name} {value:+.4g}" for name, value in direction.components.items()],
             )
-    section("no range excludes:", list(found.ambiguities))
+    count = "" if found.solutions is None else f" ({found.solutions} solutions in all)"
+    section(f"no range excludes{count}:", list(found.ambiguities))
     cures = [
         remedy.text + ("" if remedy.nullity == 0 else f" (nullity {remedy.nullity} remains)")
         for remedy in found.remedies

@@ -90,7 +90,9 @@ def motion_of(recording: Recording, name: str) -> Motion:
         omega = np.diff(np.unwrap(poses.heading)) / dt
     if rises(omega, TURN):
         return Motion.FREE if rises(v, SPEED) else Motion.REST
-    return Motion.STRAIGHT if rises(v, SPEED) else Motion.REST
+    if not rises(v, SPEED):
+        return Motion.REST
+    return Motion.STRAIGHT if rises(v - np.mean(v), SPEED) else Motion.STEADY
 
 
 def rises(signal: Floats, least: float) -> bool:

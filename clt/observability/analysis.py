@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from clt.observability.ambiguity import ambiguities
-from clt.observability.codistribution import rows
+from clt.observability.codistribution import Motion, rows
 from clt.observability.directions import Direction, directions
 from clt.observability.rank import null_space
 from clt.observability.remedies import Remedy, Score, remedies
@@ -41,6 +41,11 @@ class Analysis:
     def observable(self) -> bool:
         return self.nullity == 0
 
+    @property
+    def solutions(self) -> int | None:
+        """How many states, images among them, give the same ranges; None for a continuum."""
+        return 2 ** len(self.ambiguities) if self.observable else None
+
     def as_dict(self) -> dict[str, object]:
         """What `clt observability --json` prints."""
         nodes = self.setup.nodes
@@ -50,23 +55,26 @@ class Analysis:
             "nullity": self.nullity,
             "observable": self.observable,
             "unobservable": [direction.name for direction in self.unobservable],
+            "second_order": [one.name for one in self.unobservable if not one.hidden],
             "vectors": [dict(direction.components) for direction in self.unobservable],
             "ambiguities": list(self.ambiguities),
+            "solutions": self.solutions,
             "remedies": [
                 {"add": remedy.text, "nullity": remedy.nullity} for remedy in self.remedies
             ],
             "order": self.order,
             "frame": "world" if self.setup.ego is None else f"ego:{nodes[self.setup.ego].name}",
             "state": {
-                node.name: _pose(place, static=node.static)
-                for node, place in zip(nodes, self.state, strict=True)
+                node.name: _pose(place, self.setup.motion(k), static=node.static)
+                for k, (node, place) in enumerate(zip(nodes, self.state, strict=True))
             },
         }
 
 
-def _pose(place: Place, *, static: bool) -> Mapping[str, float]:
+def _pose(place: Place, motion: Motion, *, static: bool) -> Mapping[str, float]:
     position = {"x": float(place.x), "y": float(place.y)}
-    return position if static else position | {"heading": place.heading}
+    speed = {"speed": float(place.v)} if motion is Motion.STEADY else {}
+    return position if static else position | {"heading": place.heading} | speed
 
 
 def analyse(setup: Setup) -> Analysis:

@@ -17,6 +17,8 @@ from functools import lru_cache
 
 from clt.observability.polynomial import (
     END,
+    SPEED_A,
+    SPEED_B,
     C,
     Polynomial,
     S,
@@ -42,7 +44,9 @@ class Motion(Enum):
     FREE = "free"
     """It drives and turns."""
     STRAIGHT = "straight"
-    """It drives and does not turn."""
+    """It drives at any speeds and does not turn."""
+    STEADY = "steady"
+    """It drives at one constant speed and does not turn: no input, but drift."""
     REST = "rest"
     """It does neither."""
 
@@ -110,11 +114,16 @@ def output(kind: PairKind) -> Polynomial:
 
 
 def fields(kind: PairKind) -> tuple[Field, ...]:
-    """Input fields in the order v_a, v_b, omega_a, omega_b (a tied pair has one, v_a + v_b)."""
+    """Input fields in the order v_a, v_b, omega_a, omega_b (a tied pair has one, v_a + v_b).
+
+    Of two steady robots neither can be told from the other: their drift is one field.
+    """
     v_a, omega_a = (ego_drive(), ego_turn()) if kind.ego else (drive(0), turning(0))
     v_b, omega_b = drive(END), turning(END)
     if kind.tied:
         return (joined((v_a, v_b)),)
+    if kind.a is kind.b is Motion.STEADY:
+        return (joined((at_speed(v_a, SPEED_A), at_speed(v_b, SPEED_B))),)
     speeds = [v for v, m in ((v_a, kind.a), (v_b, kind.b)) if m is not Motion.REST]
     turns = [w for w, m in ((omega_a, kind.a), (omega_b, kind.b)) if m is Motion.FREE]
     return (*speeds, *turns)
@@ -123,6 +132,11 @@ def fields(kind: PairKind) -> tuple[Field, ...]:
 def drive(end: int) -> Field:
     """f_v = (cos theta, sin theta, 0)."""
     return {end + X: variable(end + C), end + Y: variable(end + S)}
+
+
+def at_speed(field: Field, speed: int) -> Field:
+    """A field times one of the speeds."""
+    return {place: multiply(rate, variable(speed)) for place, rate in field.items()}
 
 
 def ego_drive() -> Field:

@@ -10,9 +10,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import chain
 
 import numpy as np
 
+from clt.observability.curvature import hidden, special
 from clt.observability.matrix import matrix
 from clt.observability.rank import PRIME, Residues, echelon, residue
 from clt.observability.setup import Setup, listed
@@ -31,15 +33,26 @@ class Direction:
     name: str
     components: Mapping[str, float]
     """`R1.x`, `R1.heading` ... -> change, in m and rad."""
+    hidden: bool
+    """No range tells it at all; False where ranges tell it to second order."""
 
 
 def directions(setup: Setup, state: Sequence[Place], space: Residues) -> tuple[Direction, ...]:
-    """Name a basis of a null space (dimension, k) at a state."""
+    """Name a basis of a null space (dimension, k) at a state, what stays hidden first.
+
+    At a special state motions of whole groups come first where they are hidden: they may combine
+    what each by itself is told to second order.
+    """
     reduced, pivots = echelon(space)
-    found: list[tuple[str, Change]] = []
+    stays = hidden(setup, state)
+    found: list[Direction] = []
     # Dual coordinates: what vanishes on all directions found so far.
     left, free = np.eye(space.shape[1], dtype=np.int64), np.arange(space.shape[1])
-    for name, change in candidates(setup, state):
+    preferred = bodies(setup, state) if special(setup) else iter(())
+    choices = chain(
+        ((*one, True) for one in preferred), ((*one, False) for one in candidates(setup, state))
+    )
+    for name, change, only_hidden in choices:
         if left.shape[1] == 0:
             break
         vector = as_residues(change, len(setup.columns))
@@ -47,12 +60,15 @@ def directions(setup: Setup, state: Sequence[Place], space: Residues) -> tuple[D
         if not np.array_equal(_combined(reduced, at_pivots), vector):
             continue
         seen = _combined(at_pivots[None, :], left)[0]
-        if np.any(seen):
-            found.append((name, change))
+        if not np.any(seen):
+            continue
+        mark = stays(vector)
+        if mark or not only_hidden:
+            found.append(Direction(name, _told(setup, change), mark))
             j = int(np.flatnonzero(seen)[0])
             left, free = _without(left, seen, j), np.delete(free, j)
-    named = [Direction(name, _told(setup, change)) for name, change in found]
-    return (*named, *(_unnamed(setup, state, reduced, int(k)) for k in free))
+    found += [_unnamed(setup, state, reduced, int(k), stays(reduced[:, k])) for k in free]
+    return tuple(sorted(found, key=lambda one: not one.hidden))
 
 
 def _combined(matrix: Residues, factors: Residues) -> Residues:
@@ -85,7 +101,9 @@ def _told(setup: Setup, change: Change) -> dict[str, float]:
     }
 
 
-def _unnamed(setup: Setup, state: Sequence[Place], reduced: Residues, k: int) -> Direction:
+def _unnamed(
+    setup: Setup, state: Sequence[Place], reduced: Residues, k: int, mark: bool
+) -> Direction:
     """A direction that no candidate explains, told by its largest components.
 
     Its support is exact, its numbers are those of the matrix in floating point.
@@ -98,21 +116,36 @@ def _unnamed(setup: Setup, state: Sequence[Place], reduced: Residues, k: int) ->
         for column, value in zip(columns, vector, strict=True)
     }
     large = [name for name in parts if abs(parts[name]) >= DOMINANT]
-    return Direction("joint change of " + listed(large), parts)
+    return Direction("joint change of " + listed(large), parts, mark)
 
 
 def candidates(setup: Setup, state: Sequence[Place]) -> Iterator[tuple[str, Change]]:
     """Names and changes, the general ones first."""
-    groups = setup.groups()
+    yield from bodies(setup, state)
     unknown = tuple(k for k in range(len(setup.nodes)) if setup.in_state(k))
-    for group in groups:
-        yield from _rigid(setup, state, group, whole=len(groups) == 1)
     for k in unknown:
         yield from _single(setup, state, k)
     for k in unknown:
         for centre in range(len(setup.nodes)):
             if centre != k:
                 yield from _orbit(setup, state, k, centre)
+    groups = setup.groups()
+    for group in groups:
+        turning = [k for k in group if setup.in_state(k) and not setup.nodes[k].static]
+        names = (
+            "the whole team" if len(groups) == 1 else listed([setup.nodes[k].name for k in turning])
+        )
+        yield (
+            f"common heading of {names}",
+            {setup.first_column[k] + 2: Fraction(1) for k in turning},
+        )
+
+
+def bodies(setup: Setup, state: Sequence[Place]) -> Iterator[tuple[str, Change]]:
+    """Changes of groups tied together by ranges."""
+    groups = setup.groups()
+    for group in groups:
+        yield from _rigid(setup, state, group, whole=len(groups) == 1)
 
 
 def _rigid(
@@ -128,6 +161,9 @@ def _rigid(
     if setup.ego is not None:
         ego = setup.nodes[setup.ego].name
         yield f"rotation of all others around {ego}", rotation(setup, state, members, setup.ego)
+        if len(members) > 1:
+            circling = rotation(setup, state, members, setup.ego, turning=False)
+            yield f"bearing of all others from {ego}", circling
         return
     for entry, axis in enumerate("xy"):
         change = {setup.first_column[k] + entry: Fraction(1) for k in members}
@@ -142,13 +178,18 @@ def _rigid(
 
 
 def rotation(
-    setup: Setup, state: Sequence[Place], members: Sequence[int], centre: int | None
+    setup: Setup,
+    state: Sequence[Place],
+    members: Sequence[int],
+    centre: int | None,
+    *,
+    turning: bool = True,
 ) -> Change:
-    """Rotation of robots as one body about another one or the origin, by 1 rad."""
+    """Rotation of robots about another one or the origin by 1 rad; as one body if `turning`."""
     change: Change = {}
     for k in members:
         change |= _turned(setup, state, k, centre)
-        if not setup.nodes[k].static:
+        if turning and not setup.nodes[k].static:
             change[setup.first_column[k] + 2] = Fraction(1)
     return change
 

@@ -15,7 +15,7 @@ from clt.streams import Floats
 
 
 def value(p: Polynomial, numbers: Floats) -> float:
-    """A polynomial at (x, y, c, s) of end a, then of end b."""
+    """A polynomial at (x, y, c, s) of end a, then of end b, then the speeds of both."""
     return float(sum(float(factor) * np.prod(numbers ** np.array(m)) for m, factor in p.items()))
 
 
@@ -24,7 +24,8 @@ def matrix(setup: Setup, state: Sequence[Place]) -> Floats:
     parts = [np.zeros((0, len(setup.columns)))]
     for pair in setup.pairs:
         ends = [state[k] for k in setup.ordered(pair)]
-        numbers = np.array([[p.x, p.y, p.c, p.s] for p in ends], dtype=np.float64).ravel()
+        poses = [value for p in ends for value in (p.x, p.y, p.c, p.s)]
+        numbers = np.array([*poses, *(p.v for p in ends)], dtype=np.float64)
         found = rows(setup.kind(pair))
         entries, columns = touched(setup, pair)
         block = np.zeros((len(found), len(setup.columns)))

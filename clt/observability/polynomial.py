@@ -1,6 +1,7 @@
-"""Polynomials in the eight numbers that describe a pair of robots, with exact coefficients.
+"""Polynomials in the ten numbers that describe a pair of robots, with exact coefficients.
 
-Variables: x, y, c = cos(theta), s = sin(theta) of end a, then of end b. Every polynomial is kept
+Variables: x, y, c = cos(theta), s = sin(theta) of end a, then of end b; then the constant speeds
+of both, which are no part of the state and matter where both are steady. Every polynomial is kept
 in normal form modulo c^2 + s^2 = 1 (no power of s above one), so that equal functions are equal
 dictionaries. Heading enters through c and s alone: d/dtheta = c d/ds - s d/dc.
 """
@@ -11,17 +12,18 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 
 Monomial = tuple[int, ...]
-"""Exponents of the eight variables."""
+"""Exponents of the ten variables."""
 Polynomial = Mapping[Monomial, Fraction]
 
-VARIABLES = 8
+VARIABLES = 10
 X, Y, C, S = 0, 1, 2, 3
 """Places of end a's variables; end b's come END later."""
 END = 4
+SPEED_A, SPEED_B = 8, 9
 
 
 def variable(place: int) -> Polynomial:
-    """One of the eight variables."""
+    """One of the ten variables."""
     return {tuple(int(k == place) for k in range(VARIABLES)): Fraction(1)}
 
 
@@ -68,7 +70,7 @@ def normal(p: Polynomial) -> Polynomial:
 
 
 def derivative(p: Polynomial, place: int) -> Polynomial:
-    """Partial derivative with respect to one of the eight variables."""
+    """Partial derivative with respect to one of the ten variables."""
     result: dict[Monomial, Fraction] = {}
     for monomial, value in p.items():
         power = monomial[place]

@@ -8,8 +8,9 @@ state space with one pair's few rows after the other.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +33,7 @@ def residue(value: Fraction | int) -> int:
 
 
 def evaluate(p: Polynomial, powers: Residues) -> Residues:
-    """A polynomial at many pairs: powers (degree + 1, 8, n) of the variables -> (n,)."""
+    """A polynomial at many pairs: powers (degree + 1, 10, n) of the variables -> (n,)."""
     total = np.zeros(powers.shape[2], np.int64)
     for monomial, value in p.items():
         term = np.full(powers.shape[2], residue(value), np.int64)
@@ -43,15 +44,21 @@ def evaluate(p: Polynomial, powers: Residues) -> Residues:
     return total
 
 
+@lru_cache(maxsize=4)
+def residues_of(state: tuple[Place, ...]) -> Residues:
+    """The five numbers of each place, shape (places, 5)."""
+    numbers = [[residue(value) for value in (p.x, p.y, p.c, p.s, p.v)] for p in state]
+    return np.array(numbers).reshape(-1, 5)
+
+
 def powers_of(
     setup: Setup, pairs: Sequence[tuple[int, int]], state: Sequence[Place], degree: int = 8
 ) -> Residues:
-    """Powers 0 .. degree of the eight variables of each pair, shape (degree + 1, 8, n)."""
-    numbers = np.array(
-        [[residue(value) for value in (place.x, place.y, place.c, place.s)] for place in state]
-    ).reshape(-1, 4)
+    """Powers 0 .. degree of the ten variables of each pair, shape (degree + 1, 10, n)."""
+    numbers = residues_of(tuple(state))
     ends = np.array([setup.ordered(pair) for pair in pairs]).reshape(-1, 2)
-    base = np.concatenate([numbers[ends[:, 0]], numbers[ends[:, 1]]], axis=1).T
+    a, b = numbers[ends[:, 0]].T, numbers[ends[:, 1]].T
+    base = np.stack([*a[:4], *b[:4], a[4], b[4]])
     powers = np.ones((degree + 1, *base.shape), np.int64)
     for k in range(degree):
         powers[k + 1] = powers[k] * base % PRIME
@@ -66,6 +73,32 @@ def by_kind(setup: Setup) -> Mapping[PairKind, list[tuple[int, int]]]:
     return found
 
 
+class Alike(NamedTuple):
+    """Pairs with the same functions, of which the same entries touch the state."""
+
+    kind: PairKind
+    pairs: list[tuple[int, int]]
+    entries: tuple[int, ...]
+    """Of the gradient, shape (k,)."""
+    columns: Residues
+    """Where they stand in the state, shape (pairs, k)."""
+
+
+def alike(setup: Setup) -> list[Alike]:
+    """All pairs that touch the state."""
+    found = []
+    for kind, pairs in by_kind(setup).items():
+        parts: dict[tuple[int, ...], list[tuple[tuple[int, int], tuple[int, ...]]]] = {}
+        for pair in pairs:
+            entries, places = touched(setup, pair)
+            parts.setdefault(tuple(entries), []).append((pair, places))
+        for chosen, own in parts.items():
+            if len(chosen) > 0:
+                columns = np.array([places for _, places in own])
+                found.append(Alike(kind, [pair for pair, _ in own], chosen, columns))
+    return found
+
+
 class Block(NamedTuple):
     """Rows (pairs, r, k) of pairs whose functions are the same, and their columns (pairs, k)."""
 
@@ -74,22 +107,20 @@ class Block(NamedTuple):
 
 
 def matrix_blocks(setup: Setup, state: Sequence[Place]) -> list[Block]:
-    """The observability matrix at a state: what touches the state of each pair's rows."""
+    """The observability matrix at a state: what touches the state, as `alike` has it.
+
+    Where the first static robots span the world, what that fixes comes last.
+    """
     blocks = []
-    for kind, pairs in by_kind(setup).items():
-        powers = powers_of(setup, pairs, state)
+    for part in alike(setup):
+        powers = powers_of(setup, part.pairs, state)
         values = np.array(
-            [[evaluate(entry, powers) for entry in row.gradient] for row in rows(kind)]
-        )  # (rows, 6, pairs)
-        alike: dict[tuple[int, ...], list[int]] = {}
-        places = [touched(setup, pair) for pair in pairs]
-        for k, (entries, _) in enumerate(places):
-            alike.setdefault(tuple(entries), []).append(k)
-        for chosen, own in alike.items():
-            if len(chosen) > 0:
-                columns = np.array([places[k][1] for k in own])
-                part = values[:, list(chosen)][:, :, own]
-                blocks.append(Block(columns, np.ascontiguousarray(part.transpose(2, 0, 1))))
+            [
+                [evaluate(row.gradient[entry], powers) for entry in part.entries]
+                for row in rows(part.kind)
+            ]
+        )  # (rows, k, pairs)
+        blocks.append(Block(part.columns, np.ascontiguousarray(values.transpose(2, 0, 1))))
     if setup.framed:
         first, second = (setup.first_column[k] for k in setup.frame_robots)
         fixed = np.array([[first, first + 1, second + 1]])
@@ -112,18 +143,26 @@ def touched(setup: Setup, pair: tuple[int, int]) -> tuple[list[int], tuple[int, 
 
 def null_space(setup: Setup, state: Sequence[Place]) -> Residues:
     """Basis of the directions that no row sees, shape (dimension, nullity), modulo PRIME."""
-    space = np.eye(len(setup.columns), dtype=np.int64)
-    for block in matrix_blocks(setup, state):
-        alone = 2 * len(setup.nodes)
+    *_, space = narrowing(matrix_blocks(setup, state), len(setup.columns))
+    return space
+
+
+def narrowing(blocks: Sequence[Block], dimension: int) -> Iterator[Residues]:
+    """Bases of what rows do not see, from the whole space to the null space of all rows."""
+    space = np.eye(dimension, dtype=np.int64)
+    yield space
+    for block in blocks:
+        alone = 2 * dimension // 3
         for k in range(min(alone, len(block.columns))):
             space = cut(space, block, k)
+            yield space
         rest = np.arange(alone, len(block.columns))
         while rest.size > 0 and space.shape[1] > 0:  # as a rule these see nothing more
             seen = product(block.rows[rest], space[block.columns[rest]])
             rest = rest[np.any(seen != 0, axis=(1, 2))]
             if rest.size > 0:
                 space = cut(space, block, int(rest[0]))
-    return space
+                yield space
 
 
 def cut(space: Residues, block: Block, k: int) -> Residues:

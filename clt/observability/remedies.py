@@ -41,28 +41,30 @@ def remedies(setup: Setup, score: Callable[[Setup], Score]) -> tuple[Remedy, ...
     here = score(setup)
     if here == (0, 0):
         return ()
-    tried = [(one, score(one.setup)) for one in additions(setup)]
-    enough = [one for one, left in tried if left == (0, 0)]
+    tried = [(score(one.setup), one) for one in additions(setup)]
+    enough = [one for left, one in tried if left == (0, 0)]
     if len(enough) == 0:
-        enough = [one for one, left in tried if left[0] == 0 < here[0]]
+        enough = [one for left, one in tried if left[0] == 0 < here[0]]
     if len(enough) == 0:
-        return _chain(setup, here, score)
+        return _chain(tried, here, score)
     fewest = min(one.robots for one in enough)
     return tuple(Remedy(one.text, 0) for one in enough if one.robots == fewest)
 
 
-def _chain(setup: Setup, here: Score, score: Callable[[Setup], Score]) -> tuple[Remedy, ...]:
-    """The addition that helps most, then the next, while something helps."""
+def _chain(
+    tried: list[tuple[Score, Addition]], here: Score, score: Callable[[Setup], Score]
+) -> tuple[Remedy, ...]:
+    """Of what was tried the addition that helps most, then the next, while something helps."""
     texts: list[str] = []
-    for _ in range(MOST_STEPS):
-        tried = [(score(one.setup), one) for one in additions(setup)]
-        best = min(tried, key=lambda pair: (pair[0], pair[1].robots), default=None)
-        if best is None or best[0] >= here:
+    while len(tried) > 0:
+        left, best = min(tried, key=lambda pair: (pair[0], pair[1].robots))
+        if left >= here:
             break
-        here, setup = best[0], best[1].setup
-        texts.append(best[1].text)
-        if here == (0, 0):
+        here = left
+        texts.append(best.text)
+        if here == (0, 0) or len(texts) == MOST_STEPS:
             break
+        tried = [(score(one.setup), one) for one in additions(best.setup)]
     return (Remedy(", then ".join(texts), here[0]),) if len(texts) > 0 else ()
 
 
@@ -99,11 +101,14 @@ def _motion(setup: Setup) -> Iterator[Addition]:
     """Robots freed from their conditions, one by one (or one for all) and all together."""
     moving = [k for k, node in enumerate(setup.nodes) if not node.static]
     rest = [k for k in moving if setup.nodes[k].motion is Motion.REST]
-    straight = [k for k in moving if setup.motion(k) is Motion.STRAIGHT]
+    straight = [k for k in moving if setup.motion(k) in {Motion.STRAIGHT, Motion.STEADY}]
+    bound = setup.parallel | setup.in_line
+    steady = [k for k in straight if setup.motion(k) is Motion.STEADY and k not in bound]
     abreast = [k for k in straight if k in setup.parallel]
     for robots, text, motion in (
         (rest, "{} moving", Motion.FREE),
         (straight, "a turn of {}", Motion.FREE),
+        (steady, "a change of speed of {}", Motion.STRAIGHT),
         (abreast, "another course of {}", Motion.STRAIGHT),
     ):
         single = [[k] for k in robots] if len(robots) <= MOST_ALIKE else [robots[:1]]

@@ -76,7 +76,8 @@ class Setup:
         node = self.nodes[k]
         if node.static or node.motion is Motion.REST:
             return Motion.REST
-        return Motion.STRAIGHT if k in self.parallel | self.in_line else node.motion
+        kept = node.motion is not Motion.FREE or k not in self.parallel | self.in_line
+        return node.motion if kept else Motion.STRAIGHT
 
     def ordered(self, pair: tuple[int, int]) -> tuple[int, int]:
         """A pair with the ego as its first end."""

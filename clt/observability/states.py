@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
@@ -22,6 +22,8 @@ class Place:
     y: Fraction
     c: Fraction
     s: Fraction
+    v: Fraction
+    """Speed of a steady robot, m/s; not a part of the state."""
 
     @property
     def heading(self) -> float:
@@ -35,6 +37,7 @@ class Place:
             other.c * dy - other.s * dx,
             other.c * self.c + other.s * self.s,
             other.c * self.s - other.s * self.c,
+            self.v,
         )
 
 
@@ -49,12 +52,11 @@ def random_state(setup: Setup, seed: int) -> tuple[Place, ...]:
     for k in range(len(setup.nodes)):
         place = _place(draw)
         if k in setup.parallel:
-            place = Place(place.x, place.y, shared.c, shared.s)
+            place = replace(shared, x=place.x, y=place.y)
         if k in setup.in_line:
             along = _coordinate(draw)
-            place = Place(
-                anchor.x + along * shared.c, anchor.y + along * shared.s, shared.c, shared.s
-            )
+            x, y = anchor.x + along * shared.c, anchor.y + along * shared.s
+            place = replace(place, x=x, y=y, c=shared.c, s=shared.s)
         places.append(place)
     if setup.ego is None:
         return tuple(places)
@@ -71,4 +73,5 @@ def _place(draw: np.random.Generator) -> Place:
     flip = 1 if draw.random() < 0.5 else -1
     mirror = 1 if draw.random() < 0.5 else -1
     c, s = (1 - t * t) / (1 + t * t) * flip, 2 * t / (1 + t * t) * mirror
-    return Place(_coordinate(draw), _coordinate(draw), c, s)
+    speed = int(draw.integers(100, 2000)) * STEP
+    return Place(_coordinate(draw), _coordinate(draw), c, s, speed)

@@ -48,12 +48,31 @@ def test_the_contracts_example():
         (("--moving", 3, "--frame", "ego"), 6, 6),
         (("--moving", 3, "--frame", "ego:R2", "--at-rest", "R1,R3"), 6, 4),
         (("--moving", 2, "--frame", "ego", "--parallel", "all"), 3, 2),
+        (("--moving", 2, "--frame", "ego", "--steady", "all"), 3, 3),
         (("--moving", 1, "--static", 2, "--known", 2, "--in-line", "all"), 3, 1),
     ],
 )
 def test_ranks(words, dimension, rank):
     found = team(*words)
     assert (found["dimension"], found["rank"]) == (dimension, rank)
+
+
+def test_four_solutions_of_two_steady_drives():
+    assert team("--moving", 2, "--frame", "ego", "--steady", "all")["solutions"] == 4
+    assert team("--moving", 2, "--frame", "ego", "--straight", "all")["solutions"] == 2
+    assert team("--moving", 2)["solutions"] is None
+    told = clt("--moving", 2, "--frame", "ego", "--steady", "all").stdout
+    assert "no range excludes (4 solutions in all):" in told
+
+
+def test_singular_states_are_not_called_hidden():
+    words = ("--moving", 2, "--frame", "ego", "--in-line", "all")
+    found = team(*words)
+    assert found["second_order"] == found["unobservable"] != []
+    told = clt(*words).stdout
+    assert "tell only to second order" in told
+    assert "no range tells" not in told
+    assert team("--moving", 2)["second_order"] == []
 
 
 def test_people_are_told_directions_images_and_remedies():

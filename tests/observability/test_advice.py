@@ -23,6 +23,10 @@ def recording(moving=2, static=2, kind=None, **keys):
 LINE = {"kind": "segments", "segments": [{"duration": 60.0, "v": 0.3, "omega": 0.0}]}
 
 
+FASTER = {"duration": 40.0, "v": 0.6, "omega": 0.0}
+STARTS = {"kind": "segments", "segments": [{"duration": 10.0, "v": 0.1, "omega": 0.0}, FASTER]}
+
+
 def test_a_team_with_two_anchors_needs_no_advice():
     assert advise(recording()) == ()
 
@@ -60,7 +64,8 @@ def test_initial_poses_settle_mirror_images():
     ("kind", "motion"),
     [
         ({"kind": "stand"}, Motion.REST),
-        (LINE, Motion.STRAIGHT),
+        (LINE, Motion.STEADY),
+        (STARTS, Motion.STRAIGHT),
         ({"kind": "circle"}, Motion.FREE),
         ({"kind": "wander"}, Motion.FREE),
     ],

@@ -9,19 +9,23 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import least_squares
 
 from clt.observability.analysis import analyse
-from clt.observability.codistribution import Motion
+from clt.observability.codistribution import Motion, rows
 from clt.observability.directions import as_residues
-from clt.observability.matrix import matrix
+from clt.observability.matrix import matrix, value
 from clt.observability.rank import PRIME, echelon, null_space, product, residue
 from clt.observability.setup import Setup, every_pair, indices, team
 from clt.observability.states import Place, random_state
 
 
-def setup(moving, static=0, known=0, *, rest=(), straight=(), parallel=(), in_line=(), ego=None):
+def setup(moving, static=0, known=0, *, parallel=(), in_line=(), ego=None, **motion):
     nodes = team(moving, static, known)
-    motions = dict.fromkeys(straight, Motion.STRAIGHT) | dict.fromkeys(rest, Motion.REST)
+    motions = {}
+    for kind in ("straight", "steady", "rest"):
+        motions |= dict.fromkeys(motion.pop(kind, ()), Motion(kind))
+    assert motion == {}
     nodes = tuple(replace(node, motion=motions.get(node.name, Motion.FREE)) for node in nodes)
     return Setup(
         nodes,
@@ -109,6 +113,8 @@ ARAKI = [
     ({"parallel": ("R1", "R2")}, 2, ["bearing of R2 from R1"]),
     ({"in_line": ("R1", "R2")}, 1, ["heading of R2", "position of R2 in y"]),
     ({"straight": ("R1", "R2")}, 3, []),
+    ({"steady": ("R1", "R2")}, 3, []),
+    ({"steady": ("R1", "R2"), "parallel": ("R1", "R2")}, 2, ["bearing of R2 from R1"]),
 ]
 
 
@@ -144,6 +150,114 @@ def test_the_mirror_image_is_excluded_only_by_a_turn():
     assert relative.ambiguities == ("mirror image of all others at the path of R1",)
 
 
+@pytest.mark.parametrize(("motion", "solutions"), [("straight", 2), ("steady", 4)])
+def test_two_straight_drives_have_discrete_solutions(motion, solutions):
+    """Araki III-C; errata: at constant speeds four states give the same ranges, else two."""
+    case = setup(2, ego=0, **{motion: ("R1", "R2")})
+    found = analyse(case)
+    assert (found.observable, found.solutions) == (True, solutions)
+    assert len(solved(case, found.state)) == solutions
+
+
+def solved(case, state):
+    """All poses of R2 in R1's frame where every function is what it is at a state."""
+    functions = [row.function for row in rows(case.kind((0, 1)))]
+    true = state[1]
+    speeds = [float(state[0].v), float(true.v)]
+
+    def values(pose):
+        x, y, theta = pose
+        numbers = np.array([0, 0, 1, 0, x, y, np.cos(theta), np.sin(theta), *speeds])
+        return np.array([value(one, numbers) for one in functions])
+
+    wanted = values([float(true.x), float(true.y), true.heading])
+    rng = np.random.default_rng(1)
+    found = []
+    for _ in range(60):
+        start = [*rng.uniform(-10.0, 10.0, 2), rng.uniform(-np.pi, np.pi)]
+        result = least_squares(lambda pose: values(pose) - wanted, start, xtol=1e-14, ftol=1e-14)
+        x, y, theta = result.x
+        place = np.array([x, y, np.cos(theta), np.sin(theta)])
+        new = all(np.linalg.norm(place - other) > 1e-4 for other in found)
+        if np.max(np.abs(result.fun)) < 1e-8 and new:
+            found.append(place)
+    return found
+
+
+def test_steady_robots_are_told_apart_by_a_third_and_by_a_change_of_speed():
+    pair = analyse(setup(2, ego=0, steady=("R1", "R2")))
+    assert pair.ambiguities == (
+        "mirror image of all others at the path of R1",
+        "mirror image of R2 at its course relative to R1, its heading kept",
+    )
+    assert [remedy.text for remedy in pair.remedies] == ["a turn of R1", "a turn of R2"]
+    assert analyse(setup(2, ego=0, steady=("R1",), straight=("R2",))).solutions == 2
+    assert analyse(setup(3, ego=0, steady=("R1", "R2", "R3"))).solutions == 2
+    world = analyse(setup(2, steady=("R1", "R2")))
+    assert len(world.ambiguities) == 2
+    assert world.solutions is None
+
+
+def test_robots_that_range_no_one_but_anchors_have_images_of_their_own():
+    nodes = setup(2, 2, 2, straight=("R1", "R2")).nodes
+    alone = Setup(nodes, ((0, 2), (0, 3), (1, 2), (1, 3)))
+    assert analyse(alone).ambiguities == (
+        "mirror image of R1 at the line through S1 and S2",
+        "mirror image of R2 at the line through S1 and S2",
+    )
+    assert analyse(alone).solutions == 4
+
+
+IN_LINE = [
+    (setup(2, ego=0, in_line=("R1", "R2")), 2),
+    (setup(1, 2, 2, in_line=("R1", "S1", "S2")), 2),
+    (setup(3, in_line=("R1", "R2", "R3")), 4),
+    (setup(1, 1, 1, in_line=("R1", "S1")), 1),
+    (setup(2, ego=0, parallel=("R1", "R2")), 0),
+    (setup(3, parallel=("R1", "R2", "R3")), 0),
+    (setup(3, 2, 2, rest=("R3",)), 0),
+]
+
+
+@pytest.mark.parametrize(("case", "bent"), IN_LINE)
+def test_what_ranges_tell_to_second_order_is_told_apart(case, bent):
+    """Steps of h along a hidden direction, and a correction of h^2, change F by h^3; not else."""
+    found = analyse(case)
+    assert sum(not one.hidden for one in found.unobservable) == bent
+    hidden = [one.hidden for one in found.unobservable]
+    assert hidden == sorted(hidden, reverse=True)
+    columns = [".".join(column) for column in case.columns]
+    A = matrix(case, found.state)
+    for one in found.unobservable:
+        v = np.array([one.components.get(name, 0.0) for name in columns])
+        v /= np.linalg.norm(v)
+        h = 1e-3
+        bend = (functions_at(case, found.state, h * v) + functions_at(case, found.state, -h * v)
+                - 2 * functions_at(case, found.state, 0 * v)) / h**2  # fmt: skip
+        left = bend - A @ np.linalg.lstsq(A, bend, rcond=1e-9)[0]
+        assert (np.max(np.abs(left)) < 1e-4) == one.hidden, one.name
+
+
+def functions_at(case, state, change):
+    """All functions of all pairs after a change of the state, in floating point."""
+    values = []
+    for pair in case.pairs:
+        poses, speeds = [], []
+        for k in case.ordered(pair):
+            place, first = state[k], case.first_column[k]
+            own = np.zeros(3)
+            if first >= 0:
+                size = 2 if case.nodes[k].static else 3
+                own[:size] = change[first : first + size]
+            theta = place.heading + own[2]
+            poses += [float(place.x) + own[0], float(place.y) + own[1]]
+            poses += [np.cos(theta), np.sin(theta)]
+            speeds.append(float(place.v))
+        numbers = np.array([*poses, *speeds])
+        values += [value(row.function, numbers) for row in rows(case.kind(pair))]
+    return np.array(values)
+
+
 def test_robots_that_no_range_ties_together_float_apart():
     nodes = team(4, 0)
     found = analyse(Setup(nodes, ((0, 1), (2, 3))))
@@ -165,7 +279,14 @@ def test_a_world_made_from_ranges_needs_two_static_robots():
 
 @pytest.mark.parametrize(
     ("case", "nullity"),
-    [(setup(50), 3), (setup(48, 2, 2), 0), (setup(30, 20, 1), 1), (setup(50, ego=0), 0)],
+    [
+        (setup(50), 3),
+        (setup(48, 2, 2), 0),
+        (setup(30, 20, 1), 1),
+        (setup(50, ego=0), 0),
+        (setup(50, parallel=[f"R{k + 1}" for k in range(50)]), 4),
+        (setup(50, steady=[f"R{k + 1}" for k in range(50)]), 3),
+    ],
 )
 def test_large_teams(case, nullity):
     assert analyse(case).nullity == nullity
@@ -182,7 +303,7 @@ def test_rank_and_directions_survive_moving_the_whole_team(drawn):
     robots = [f"R{k + 1}" for k in range(moving)]
     chosen = {
         condition: tuple(data.draw(st.sets(st.sampled_from(robots))))
-        for condition in ("rest", "straight", "parallel", "in_line")
+        for condition in ("rest", "straight", "steady", "parallel", "in_line")
     }
     case = setup(moving, static, min(known, static), **chosen)
     state = random_state(case, data.draw(st.integers(0, 1000)))
@@ -191,6 +312,7 @@ def test_rank_and_directions_survive_moving_the_whole_team(drawn):
         Fraction(data.draw(st.integers(-9000, 9000))),
         Fraction(3, 5),
         Fraction(4, 5),
+        Fraction(0),
     )
     moved = tuple(transformed(place, turn) for place in state)
     before, after = null_space(case, state), null_space(case, moved)
@@ -215,6 +337,7 @@ def transformed(place, by):
         by.y + by.s * place.x + by.c * place.y,
         by.c * place.c - by.s * place.s,
         by.s * place.c + by.c * place.s,
+        place.v,
     )
 
 

@@ -9,15 +9,16 @@ from clt.observability.codistribution import Motion, PairKind, rows
 from clt.observability.matrix import value
 from clt.observability.polynomial import add, lie, multiply, reduce, turning, variable
 
-FREE, STRAIGHT, REST = Motion.FREE, Motion.STRAIGHT, Motion.REST
+FREE, STRAIGHT, STEADY, REST = Motion.FREE, Motion.STRAIGHT, Motion.STEADY, Motion.REST
 
 
 def numbers(seed):
-    """x, y, theta of both ends and the eight variables."""
+    """x, y, theta of both ends and the ten variables."""
     rng = np.random.default_rng(seed)
-    pose = rng.uniform(-5.0, 5.0, 6)
+    pose, speeds = rng.uniform(-5.0, 5.0, 6), rng.uniform(0.1, 2.0, 2)
     (xi, yi, ti), (xj, yj, tj) = pose[:3], pose[3:]
-    return pose, np.array([xi, yi, np.cos(ti), np.sin(ti), xj, yj, np.cos(tj), np.sin(tj)])
+    i, j = [xi, yi, np.cos(ti), np.sin(ti)], [xj, yj, np.cos(tj), np.sin(tj)]
+    return pose, np.array([*i, *j, *speeds])
 
 
 def gradients(kind, variables):
@@ -118,10 +119,23 @@ def test_tied_robots_have_fewer_functions_than_free_ones():
     assert len(rows(PairKind(STRAIGHT, STRAIGHT))) == 4
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_constant_speeds_show_the_course_relative_to_each_other(seed):
+    """d^2 / 2, d . u and u^2 with the relative velocity u."""
+    (xi, yi, ti, xj, yj, tj), variables = numbers(seed)
+    v, w = variables[8:]
+    d = np.array([xj - xi, yj - yi])
+    u = w * np.array([np.cos(tj), np.sin(tj)]) - v * np.array([np.cos(ti), np.sin(ti)])
+    found = rows(PairKind(STEADY, STEADY))
+    values = [value(row.function, variables) for row in found]
+    assert values == pytest.approx([d @ d / 2, d @ u, u @ u])
+    assert [row.order for row in found] == [0, 1, 2]
+
+
 def test_polynomials_know_that_cosine_and_sine_are_one():
     c, s = variable(2), variable(3)
     one = add(multiply(c, c), multiply(s, s))
-    assert one == {(0,) * 8: 1}
+    assert one == {(0,) * 10: 1}
     assert lie(one, turning(0)) == {}
     assert lie(lie(s, turning(0)), turning(0)) == add({}, s, -1)
     assert reduce(add(c, s), [s, c]) == {}
