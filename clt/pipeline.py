@@ -9,6 +9,7 @@ import numpy as np
 from clt.filters import world
 from clt.filters.posterior import Posterior
 from clt.filters.settings import FilterSettings
+from clt.filters.world import SHI, Estimator
 from clt.init.start import InitialPose, Start
 from clt.streams import Poses, Recording, Robot, Team, no_frames, no_ranges
 
@@ -23,10 +24,13 @@ class Result:
     """What a result log holds: truth, estimates, dead reckoning, innovations, the team."""
 
 
-def estimate(recording: Recording, start: Start, settings: FilterSettings) -> Result:
+def estimate(
+    recording: Recording, start: Start, settings: FilterSettings, estimator: Estimator = SHI
+) -> Result:
     """Filter a recording from a start. Raises CltError where nothing can be estimated."""
-    posterior = world.localize(recording, start, settings)
-    baseline = world.dead_reckon(recording, start, settings)
+    posterior = world.localize(recording, start, settings, estimator)
+    baseline = world.dead_reckon(recording, start, settings, estimator.view)
+    moving = set(recording.odometry) if estimator.view.kind == "world" else set(baseline)
     result = replace(
         recording,
         team=replace(recording.team, robots=placed(recording.team, start)),
@@ -34,9 +38,7 @@ def estimate(recording: Recording, start: Start, settings: FilterSettings) -> Re
         ranges=no_ranges(),
         frames=no_frames(),
         estimate=finite(posterior),
-        dead_reckoning={
-            name: baseline[name] for name in finite(posterior) if name in recording.odometry
-        },
+        dead_reckoning={name: baseline[name] for name in finite(posterior) if name in moving},
         innovations=posterior.innovations,
     )
     return Result(start, posterior, result)

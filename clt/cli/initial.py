@@ -9,10 +9,11 @@ from clt.cli.console import Console
 from clt.document import Document
 from clt.errors import CltError
 from clt.filters.settings import FilterSettings
-from clt.init.motion import Initialization, as_given, from_motion
+from clt.init.motion import from_motion
 from clt.init.poses import from_poses
 from clt.init.recorded import from_record
 from clt.init.start import Start
+from clt.init.status import Initialization, as_given
 from clt.init.truth import from_truth
 from clt.settings import read_toml
 from clt.streams import Recording
@@ -43,14 +44,19 @@ def find(
 
 
 def start_for(
-    recording: Recording, init: str | Document, settings: FilterSettings, console: Console
+    recording: Recording,
+    init: str | Document,
+    settings: FilterSettings,
+    console: Console,
+    ego: str | None = None,
 ) -> Start:
     """The start of a filter by one of METHODS or from a TOML file.
 
+    In the frame of an `ego` a file without a table for it gives relative poses.
     Raises UsageError for a file that makes no sense, CltError where no robot can be initialized.
     """
     if isinstance(init, Document):
-        return from_poses(recording, read_toml(init), str(init), settings.initial.sigma)
+        return from_poses(recording, read_toml(init), str(init), settings.initial.sigma, ego)
     _, found = find(recording, init, settings, console)
     return start_of(found, recording)
 
@@ -67,10 +73,13 @@ def start_of(found: Initialization, recording: Recording) -> Start:
 
 
 def missing(found: Initialization, console: Console) -> None:
-    """Say which robots have no certain pose, and why."""
-    for robot in found.robots.values():
+    """Say which robots have no certain pose, and why: once for all that share a reason."""
+    reasons: dict[tuple[str, str], list[str]] = {}
+    for name, robot in found.robots.items():
         if robot.status != "ok":
-            console.warn(f"{robot.status}: {robot.why}", partial=True)
+            reasons.setdefault((robot.status, robot.why), []).append(name)
+    for (status, why), names in reasons.items():
+        console.warn(f"{', '.join(names)} ({status}): {why}", partial=True)
 
 
 def report(found: Initialization, recording: Recording, console: Console) -> None:

@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from clt.cli.console import Console
     from clt.document import Document
     from clt.filters.settings import FilterSettings
+    from clt.filters.world import Estimator
     from clt.init.start import Start
     from clt.pipeline import Result
     from clt.streams import Recording
 
-FILTERS = ("eskf",)
-FRAMES = ("world",)
+ENGINES = ("compiled", "filterpy")
 WANTED = frozenset({"odometry", "ranges", "frames", "truth"})
 
 
@@ -26,9 +26,24 @@ def localize(
     log: Log,
     output: Output,
     filter_: Annotated[
-        str, typer.Option("--filter", help="eskf: error-state Kalman filter (Shi).")
-    ] = "eskf",
-    frame: Annotated[str, typer.Option(help="world: absolute poses.")] = "world",
+        str | None,
+        typer.Option(
+            "--filter",
+            help="eskf: error-state Kalman filter (Shi), the default in the world. ekf, ukf: "
+            "extended, unscented Kalman filter. mixture: a bank of Kalman filters that keeps every "
+            "pose still possible, the default in relative frames. pf: particle filter.",
+        ),
+    ] = None,
+    frame: Annotated[
+        str,
+        typer.Option(
+            help="world: absolute poses. ego:NAME: the others as NAME sees them (Araki). "
+            "mutual:A,B: two robots, each as the other sees it (Freeman)."
+        ),
+    ] = "world",
+    engine: Annotated[
+        str, typer.Option(help="compiled, or filterpy to check ekf and ukf against.")
+    ] = "compiled",
     init: Annotated[
         str,
         typer.Option(
@@ -58,6 +73,7 @@ def localize(
     Examples:
       clt localize log.mcap -o out.mcap
       clt localize log.mcap -o out.mcap --init poses.toml --set noise.sigma_range=0.1
+      clt localize log.mcap -o out.mcap --frame ego:R1 --init truth
     """
     from time import perf_counter
 
@@ -67,14 +83,14 @@ def localize(
     from clt.cli.inputs import Inputs
     from clt.cli.localize_report import describe, tell
     from clt.errors import UsageError
+    from clt.filters.problem import require_robots
     from clt.log.load import load
     from clt.log.output import STDOUT
     from clt.log.save import save
     from clt.observability.advice import advise
 
     console = Console(quiet, verbose)
-    choose("--filter", filter_, FILTERS)
-    choose("--frame", frame, FRAMES)
+    estimator = estimator_of(filter_, frame, engine)
     if as_json and output == STDOUT:
         raise UsageError("--json and -o - both want standard output; name a file")
     poses = poses_file(init)
@@ -89,12 +105,14 @@ def localize(
     if (document := inputs["calibration"]) is not None:
         recording = apply(recording, read_calibration(document))
     require_data(recording, str(log))
+    require_robots(estimator.view, recording.team.names)
     clock.append(perf_counter())
-    start = start_for(recording, inputs["poses"] or init, settings, console)
+    ego = next(iter(estimator.view.names), None)
+    start = start_for(recording, inputs["poses"] or init, settings, console, ego)
     for line in advise(recording, start.poses, frame):
         console.warn(line)
     clock.append(perf_counter())
-    result = run_filter(recording, start, settings, console)
+    result = run_filter(recording, start, settings, estimator, console)
     clock.append(perf_counter())
 
     timings = {
@@ -103,13 +121,28 @@ def localize(
             ("read_s", "init_s", "filter_s"), clock[:-1], clock[1:], strict=True
         )
     }
-    choices = {"filter": filter_, "frame": frame, "init": init}
+    choices = {"filter": estimator.filter, "frame": frame, "engine": engine, "init": init}
     digests = inputs.digests({str(log): loaded.sha256})
     run = describe(digests, choices, settings, result, timings, console)
     with inputs.output(output, force) as file:
         save(file, inputs.attach(result.recording), run, scene=scene)
     tell(console, result, output, choices, timings, as_json)
     return console.code
+
+
+def estimator_of(filter_: str | None, frame: str, engine: str) -> Estimator:
+    """The filter that the options choose. Raises UsageError for what does not exist."""
+    from clt.errors import UsageError
+    from clt.filters.space import parse_view
+    from clt.filters.world import FILTERPY, FILTERS, Estimator
+
+    view = parse_view(frame)
+    chosen = filter_ or ("eskf" if view.kind == "world" else "mixture")
+    choose("--filter", chosen, tuple(FILTERS))
+    choose("--engine", engine, ENGINES)
+    if engine == "filterpy" and chosen not in FILTERPY:
+        raise UsageError(f"--engine filterpy has no {chosen}; it has {', '.join(FILTERPY)}")
+    return Estimator(chosen, view, engine)
 
 
 def choose(option: str, value: str, known: tuple[str, ...]) -> None:
@@ -178,7 +211,11 @@ def require_data(recording: Recording, log: str, *, standing: bool = False) -> N
 
 
 def run_filter(
-    recording: Recording, start: Start, settings: FilterSettings, console: Console
+    recording: Recording,
+    start: Start,
+    settings: FilterSettings,
+    estimator: Estimator,
+    console: Console,
 ) -> Result:
     """Filter, and say what went wrong."""
     from clt.cli.compiling import announced
@@ -186,7 +223,9 @@ def run_filter(
     from clt.pipeline import estimate
 
     with announced(console):
-        result = estimate(recording, start, settings)
+        result = estimate(recording, start, settings, estimator)
+    for line in result.posterior.remarks:
+        console.say(line)
     for line in result.posterior.warnings:
         console.warn(line)
     for line in result.posterior.left_out:

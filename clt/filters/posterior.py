@@ -23,6 +23,8 @@ class Posterior:
     """(x, y, heading) of each robot at the end, shape (n, 3)."""
     covariance: Floats
     """Of the same, shape (n, 3, 3)."""
+    remarks: tuple[str, ...] = ()
+    """What was found out besides, one line each."""
     warnings: tuple[str, ...] = ()
     """What a user must know about this run, one line each."""
     left_out: tuple[str, ...] = ()

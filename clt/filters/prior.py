@@ -119,3 +119,13 @@ def moments(belief: Belief, block: int) -> tuple[Floats, Floats]:
     if belief.covariance.shape[1] > 0:
         P += np.einsum("k,kij->ij", w, belief.covariance[:, own, own])
     return best + middle, P
+
+
+def spread(belief: Belief, index: int) -> tuple[float, float]:
+    """Mean and standard deviation of one number of the state over all of a belief."""
+    w, x = np.exp(belief.log_weight), belief.mean[:, index]
+    mean = float(w @ x)
+    variance = float(w @ (x - mean) ** 2)
+    if belief.covariance.shape[1] > 0:
+        variance += float(w @ belief.covariance[:, index, index])
+    return mean, variance**0.5

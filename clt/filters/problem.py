@@ -48,8 +48,11 @@ class Problem:
     """Whose pose each block holds."""
     frames: tuple[str, ...]
     """Id of the frame that it stands in."""
+    drivers: tuple[str, ...]
+    """Robots whose odometry moves the blocks."""
     space: Space
-    prior: Prior
+    prior: Prior | None
+    """None where a filter goes on from `belief`, as an earlier run of it left it."""
     belief: Belief
     """At `start`."""
     lever: Floats
@@ -63,6 +66,10 @@ class Problem:
     notes: tuple[str, ...]
     left_out: tuple[str, ...]
     """Robots that cannot be estimated, with the reason: one line each."""
+    epoch: int = 0
+    """Counts the runs that go on from one another; what draws at random adds it to its seed."""
+    memory: object = None
+    """What the earlier run of the same filter kept beside its belief (`Solution.memory`)."""
 
     @property
     def mean(self) -> Floats:
@@ -92,10 +99,8 @@ def cast_of(recording: Recording, start: Start, view: View) -> Cast:
     names, left_out = state_robots(recording, start, every=view.kind != "world")
     if view.kind == "world":
         return Cast(tuple(names), tuple(range(len(names))), (WORLD,) * len(names), tuple(left_out))
+    require_robots(view, recording.team.names)
     for name in view.names:
-        if name not in recording.team.names:
-            near = nearest(name, recording.team.names)
-            raise UsageError(f"--frame: no robot `{name}` in the log{near}")
         if name not in names:
             why = next((line for line in left_out if line.startswith(f"{name} ")), "no pose")
             raise CltError(f"no frame of {name}: {why}")
@@ -103,10 +108,17 @@ def cast_of(recording: Recording, start: Start, view: View) -> Cast:
         ego = view.names[0]
         names = [ego, *(name for name in names if name != ego)]
         if len(names) == 1:
-            raise CltError(f"{ego} has no neighbour that can be localized{'; '.join(left_out)}")
+            raise CltError(f"{ego} has no neighbour that can be localized: {'; '.join(left_out)}")
         who = tuple(range(1, len(names)))
         return Cast(tuple(names), who, (0,) * len(who), tuple(left_out))
     return Cast(view.names, (1, 0), (0, 1), ())
+
+
+def require_robots(view: View, names: Sequence[str]) -> None:
+    """Raise UsageError, naming the nearest, where a view names a robot that the log has not."""
+    for name in view.names:
+        if name not in names:
+            raise UsageError(f"--frame: no robot `{name}` in the log{nearest(name, names)}")
 
 
 def state_robots(
@@ -166,6 +178,7 @@ def lay_out(
     return Problem(
         robots,
         tuple(start.frame if i == WORLD else f"{names[i]}/base_link" for i in cast.base),
+        names,
         make_space(cast.who, cast.base, calibrated=calibrated),
         prior,
         gaussians(prior),

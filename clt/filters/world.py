@@ -2,27 +2,49 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from clt.filters import eskf, gaussian
 from clt.filters.posterior import Posterior
-from clt.filters.prior import moments
+from clt.filters.prior import Belief, moments, spread
 from clt.filters.problem import ABSOLUTE, Problem, lay_out
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Filter, Solution
 from clt.filters.space import View
 from clt.init.start import Start
-from clt.streams import Innovations, Poses, Recording, no_ranges
+from clt.streams import Floats, Innovations, Poses, Recording, Stamps, no_ranges
 
+UNIQUE = 0.999
+"""A robot whose leading pose is less probable than this may be elsewhere."""
 LOST_SHARE = 0.5
 """A robot with more than this share of its ranges rejected is called diverged."""
 
 
 FILTERS: dict[str, Filter] = {"eskf": gaussian.solve_eskf, "ekf": gaussian.solve_ekf}
 """By the name that `--filter` takes."""
-DEFAULT_FILTER = "eskf"
+FILTERPY: dict[str, Filter] = {}
+"""The same through filterpy."""
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """Which filter in which frame, by which code."""
+
+    filter: str = "eskf"
+    view: View = ABSOLUTE
+    engine: str = "compiled"
+    """Or filterpy."""
+
+    @property
+    def run(self) -> Filter:
+        """The filter itself."""
+        return (FILTERPY if self.engine == "filterpy" else FILTERS)[self.filter]
+
+
+SHI = Estimator()
+"""Absolute poses by the error-state Kalman filter."""
 
 
 def trajectories(problem: Problem, solution: Solution) -> dict[str, Poses]:
@@ -79,17 +101,63 @@ def found_again(problem: Problem, solution: Solution) -> tuple[str, ...]:
     )
 
 
+def became_unique(problem: Problem, solution: Solution) -> tuple[str, ...]:
+    """One line for each block whose several possible poses came down to one."""
+    lines = []
+    for i, name in enumerate(problem.robots):
+        share, stamp = shares(problem, solution, i)
+        doubtful = np.flatnonzero(share < UNIQUE)
+        if doubtful.size > 0 and doubtful[-1] + 1 < share.size:
+            seconds = float(stamp[doubtful[-1] + 1] - problem.start) * 1e-9
+            lines.append(f"the pose of {name} was unique after {seconds:.1f} s")
+    return tuple(lines)
+
+
+def ambiguous(problem: Problem, solution: Solution) -> tuple[str, ...]:
+    """One line for each block that may, in the end, still be somewhere else altogether."""
+    lines = []
+    for i, name in enumerate(problem.robots):
+        share, _ = shares(problem, solution, i)
+        if share.size > 0 and share[-1] < UNIQUE:
+            lines.append(
+                f"{name} is ambiguous: its most probable pose at the end has probability "
+                f"{share[-1]:.2f}; longer or more winding driving of both robots would tell"
+            )
+    return tuple(lines)
+
+
+def shares(problem: Problem, solution: Solution, block: int) -> tuple[Floats, Stamps]:
+    """Probability of a block's leading mode at each of its outputs, and their stamps (ns)."""
+    own = problem.outputs.robot == block
+    share = np.empty(0) if solution.share is None else solution.share[own]
+    return share, problem.outputs.stamp[own]
+
+
+def calibrated(problem: Problem, belief: Belief) -> tuple[str, ...]:
+    """One line for each driver whose odometry's errors were estimated."""
+    lines = []
+    for d, name in enumerate(problem.drivers if problem.space.calibration >= 0 else ()):
+        s = problem.space.calibration + 2 * d
+        scale, sigma_scale = spread(belief, s)
+        bias, sigma_bias = spread(belief, s + 1)
+        if sigma_scale > 0.0 or sigma_bias > 0.0:
+            lines.append(
+                f"odometry of {name}: scale {1.0 + scale:.4f} (sigma {sigma_scale:.4f}), "
+                f"bias {bias:+.4f} rad/s (sigma {sigma_bias:.4f})"
+            )
+    return tuple(lines)
+
+
 def localize(
     recording: Recording,
     start: Start,
     settings: FilterSettings,
-    view: View = ABSOLUTE,
-    filter_: str = DEFAULT_FILTER,
+    estimator: Estimator = SHI,
 ) -> Posterior:
     """Filter a log. Raises CltError where nothing can be estimated."""
-    problem = lay_out(recording, start, settings, view)
-    solution = FILTERS[filter_](problem, settings)
-    return posterior_of(recording, problem, solution, filter_)
+    problem = lay_out(recording, start, settings, estimator.view)
+    solution = estimator.run(problem, settings)
+    return posterior_of(recording, problem, solution, estimator.filter)
 
 
 def posterior_of(
@@ -104,8 +172,9 @@ def posterior_of(
         innovations(problem, solution, recording),
         np.array([mean for mean, _ in ends]),
         np.array([covariance for _, covariance in ends]),
+        (*became_unique(problem, solution), *calibrated(problem, solution.belief)),
         problem.notes,
-        (*problem.left_out, *found_again(problem, solution)),
+        (*problem.left_out, *found_again(problem, solution), *ambiguous(problem, solution)),
         lost_robots(problem, solution),
     )
 

@@ -12,13 +12,13 @@ from clt.errors import CltError, UsageError
 from clt.geometry import wrap
 from clt.init.start import InitialPose, Start, fixed_pose, odometry_begin
 from clt.settings import Settings, nearest, parse
-from clt.streams import Recording
+from clt.streams import WORLD, Recording
 
 Sigma = Annotated[float, Field(ge=0)]
 
 
 class GivenPose(Settings):
-    """One robot: metres and radians in `world`."""
+    """One robot: metres and radians in `world` or the frame of the ego."""
 
     x: float
     y: float
@@ -32,16 +32,21 @@ def from_poses(
     tables: Mapping[str, Any],
     source: str,
     sigma: tuple[float, float, float],
+    ego: str | None = None,
 ) -> Start:
     """Start at the beginning of the odometry with the poses of a parsed TOML file.
 
     `sigma` (m, m, rad) holds for a moving robot whose table gives none. Static robots that the
-    file leaves out keep their known position. Raises UsageError for a robot that the log does
-    not have, CltError where no moving robot is given.
+    file leaves out keep their known position. A file without a table for the `ego` gives poses
+    relative to it, and no other robot has one then. Raises UsageError for a robot that the log
+    does not have, CltError where no moving robot is given.
     """
     team = recording.team
     poses: dict[str, InitialPose] = {}
-    for robot in team.static:
+    relative = ego is not None and ego not in tables
+    if ego is not None and relative:
+        poses[ego] = InitialPose(np.zeros(3), np.zeros((3, 3)))
+    for robot in team.static if not relative else ():
         pose = fixed_pose(robot)
         if pose is not None:
             poses[robot.name] = pose
@@ -62,4 +67,4 @@ def from_poses(
     begin = [odometry_begin(recording, name) for name in poses if name in recording.odometry]
     if len(begin) == 0:
         raise CltError(f"{source}: names no moving robot that has odometry")
-    return Start(max(begin), poses)
+    return Start(max(begin), poses, f"{ego}/base_link" if relative else WORLD)

@@ -57,7 +57,14 @@ def _drawn(recording: Recording) -> dict[str, Poses]:
     moving = {robot.name for robot in recording.team.moving}
     truth = {name: poses for name, poses in recording.truth.items() if name in moving}
     chosen = recording.estimate if len(recording.estimate) > 0 else truth
-    return {name: poses for name, poses in chosen.items() if poses.stamp.size > 0}
+    # Of mutual transforms the first: two frames in each other make no tree.
+    frame = next((poses.frame for poses in chosen.values()), WORLD)
+    relative = frame.endswith("/base_link")
+    return {
+        name: poses
+        for name, poses in chosen.items()
+        if poses.stamp.size > 0 and (poses.frame == frame or not relative)
+    }
 
 
 def _tf(drawn: Mapping[str, Poses]) -> Channel:

@@ -35,9 +35,10 @@ def missing(
     for name, ego in egos.items():
         if ego is not None and name in truth:
             warnings += _apart(name, ego, truth, targets.get(name))
+    mutual = set(egos.values()) == set(estimates)  # Two robots, each in the other's frame.
     warnings += [
         Warned(f"{robot.name}: no estimate", partial=True)
-        for robot in team.moving
+        for robot in (team.moving if not mutual else ())
         if robot.name in truth and robot.name not in {*estimates, *egos.values()}
     ]
     if len({track.frame for track in truth.values()}) > 1:

@@ -1,0 +1,124 @@
+"""`clt localize` in relative frames, with other filters and other engines."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from clt.cli.app import app
+from clt.geometry import relative_pose
+from clt.log.load import load
+from clt.metrics.associate import as_array
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Four seconds of shi-sim in in.mcap."""
+    path = tmp_path_factory.mktemp("frames")
+    words = ["simulate", "shi-sim", "--duration", "4", "-q", "-o", str(path / "in.mcap")]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    return path
+
+
+@pytest.fixture
+def clt(monkeypatch, folder):
+    """Run one command in the folder; returns exit code, stdout, stderr."""
+    monkeypatch.chdir(folder)
+
+    def run(*words):
+        done = CliRunner().invoke(app, [str(word) for word in words])
+        if done.exception is not None and not isinstance(done.exception, SystemExit):
+            raise done.exception
+        return done.exit_code, done.stdout, done.stderr
+
+    return run
+
+
+def localize(clt, out, *words):
+    return clt("localize", "in.mcap", "-o", out, "--init", "truth", "--filter", "ekf", *words)
+
+
+def scores(clt, log):
+    code, out, _ = clt("evaluate", log, "--json")
+    assert code == 0
+    return json.loads(out)
+
+
+def test_in_the_frame_of_an_ego_all_others_are_neighbours(clt, folder):
+    assert localize(clt, "ego.mcap", "--frame", "ego:R3", "-q") == (0, "", "")
+    result = load(folder / "ego.mcap").recording
+    assert set(result.estimate) == set(result.dead_reckoning) == {"R1", "R2", "R4", "R5"}
+    assert {poses.frame for poses in result.estimate.values()} == {"R3/base_link"}
+    told = scores(clt, "ego.mcap")
+    assert told["frame"] == "R3/base_link"
+    for name in ("R1", "R2", "R4", "R5"):
+        assert told["robots"][name]["estimate"]["ape"]["rmse"] < 0.5
+        assert told["robots"][name]["dead_reckoning"]["ape"]["rmse"] > 0.0
+
+
+def test_relative_and_absolute_estimates_agree(clt, folder):
+    """The same ranges and odometry in two state spaces; linearized differently, so not equal."""
+    assert localize(clt, "a.mcap", "-q")[0] == 0
+    assert localize(clt, "b.mcap", "--frame", "ego:R3", "-q")[0] == 0
+    world, ego = (load(folder / name).recording.estimate for name in ("a.mcap", "b.mcap"))
+    wanted = relative_pose(as_array(world["R3"]), as_array(world["R4"]))
+    off = np.abs(wanted - as_array(ego["R4"]))[:, :2]
+    sigma = np.sqrt(np.diagonal(ego["R4"].covariance, axis1=1, axis2=2))[:, :2]
+    assert np.all(off < sigma + 1e-3)
+    assert np.mean(off / sigma) < 0.2
+
+
+def test_mutual_transforms_are_inverses(clt, folder):
+    assert localize(clt, "mutual.mcap", "--frame", "mutual:R3,R4", "-q") == (0, "", "")
+    estimate = load(folder / "mutual.mcap").recording.estimate
+    assert {name: poses.frame for name, poses in estimate.items()} == {
+        "R3": "R4/base_link",
+        "R4": "R3/base_link",
+    }
+    there, back = (as_array(estimate[name])[-1] for name in ("R3", "R4"))
+    np.testing.assert_allclose(relative_pose(there, np.zeros(3)), back, atol=0.02)
+    assert set(scores(clt, "mutual.mcap")["robots"]) == {"R3", "R4"}
+
+
+def test_poses_relative_to_the_ego_from_a_file(clt, folder):
+    truth = {name: as_array(t)[0] for name, t in load(folder / "in.mcap").recording.truth.items()}
+    lines = []
+    for name in ("R1", "R2", "R4", "R5"):
+        x, y, heading = relative_pose(truth["R3"], truth[name])
+        lines.append(f"[{name}]\nx = {x}\ny = {y}\nheading = {heading}\nsigma = [0.1, 0.1, 0.1]\n")
+    (folder / "relative.toml").write_text("".join(lines))
+    words = ("--frame", "ego:R3", "--filter", "ekf", "--init", "relative.toml", "-q")
+    assert clt("localize", "in.mcap", "-o", "file.mcap", *words) == (0, "", "")
+    told = scores(clt, "file.mcap")
+    assert all(robot["estimate"]["ape"]["rmse"] < 0.5 for robot in told["robots"].values())
+
+
+def test_errors_of_the_odometry_are_estimated_and_told(clt):
+    words = ("--set", "noise.scale=0.05", "--set", "noise.bias=0.05")
+    code, _, err = localize(clt, "calibrated.mcap", *words)
+    assert code == 0
+    told = [line for line in err.splitlines() if line.startswith("odometry of")]
+    assert [line.split()[2] for line in told] == ["R3:", "R4:", "R5:"]
+    assert all("scale" in line and "rad/s" in line for line in told)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--frame", "ego"], "--frame ego: not world, ego:NAME or mutual:A,B"),
+        (["--frame", "ego:R9"], "--frame: no robot `R9` in the log, did you mean"),
+        (["--frame", "mutual:R3,R3"], "not world, ego:NAME or mutual:A,B"),
+        (["--filter", "ekff"], "--filter ekff: unknown, did you mean `ekf`?"),
+        (["--engine", "filterpi"], "--engine filterpi: unknown, did you mean `filterpy`?"),
+        (["--engine", "filterpy", "--filter", "eskf"], "--engine filterpy has no eskf"),
+        (["--frame", "ego:R3", "--set", "process=shi"], "use --frame world"),
+    ],
+)
+def test_what_does_not_exist_is_refused_in_one_line(clt, words, told):
+    code, out, err = localize(clt, "no.mcap", *words)
+    lines = [line for line in err.splitlines() if not line.startswith("compiling")]
+    assert (code, out, len(lines)) == (2, "", 1)
+    assert told in lines[0]
