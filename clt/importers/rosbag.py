@@ -34,7 +34,8 @@ FILE = re.compile(r"(?P<bag>.+?)(?:_\d+)?\.db3(?:\.gz)?")
 TYPES = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/Range")
 BATCH = 4096
 """Messages fetched at a time."""
-FEW = "SELECT topic_id, CAST(timestamp AS INTEGER), ifnull(CAST(data AS BLOB), x'') FROM messages"
+LISTED = "SELECT id, name, type, serialization_format FROM topics"
+FETCHED = "SELECT topic_id, CAST(timestamp AS INTEGER), CAST(data AS BLOB) FROM messages"
 
 
 def bag_files(path: Path) -> tuple[Path, ...]:
@@ -58,16 +59,19 @@ def read_bag(files: Sequence[Path], want: Callable[[str], bool]) -> Log:
     """The wanted topics of a bag's files as one log; `want` is asked by name.
 
     Raises:
-        LogError: naming the file that cannot be read, is damaged or is no bag.
+        LogError: naming the file that cannot be read, is damaged or is no bag, or a wanted topic
+            that is not CDR of one of TYPES.
     """
     channels: dict[str, Channel] = {}
     gathered = Gathered()
     for file in files:
         try:
             with _database(file) as database:
-                _gather(database, want, channels, gathered)
-        except sqlite3.Error as error:
-            raise LogError(f"{file}: not a sound rosbag2 file in SQLite: {error}") from None
+                number = _announce(file, database, want, channels, gathered)
+                _gather(database, number, gathered)
+        except (sqlite3.Error, UnicodeDecodeError) as error:
+            told = " ".join(str(error).split())  # it may quote what the file holds
+            raise LogError(f"{file}: not a sound rosbag2 file in SQLite: {told}") from None
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
             raise LogError(f"{file}: a damaged gzip file: {error}") from None
         except OSError as error:
@@ -94,26 +98,35 @@ def _database(file: Path) -> Iterator[sqlite3.Connection]:
             yield database
 
 
-def _gather(
+def _announce(
+    file: Path,
     database: sqlite3.Connection,
     want: Callable[[str], bool],
     channels: dict[str, Channel],
     gathered: Gathered,
-) -> None:
-    """Add one file's wanted messages, and channels for topics that no earlier file had."""
+) -> dict[int, int]:
+    """The channel number of each wanted topic's id in one file; new topics get a channel."""
     number: dict[int, int] = {}
-    listed = database.execute("SELECT id, name, type, serialization_format FROM topics")
-    for topic, name, kind, encoding in listed.fetchall():
-        if not want(name):
+    for topic, name, kind, encoding in database.execute(LISTED).fetchall():
+        if not isinstance(name, str) or not want(name):
             continue
+        if kind not in TYPES or encoding != "cdr":
+            known = ", ".join(TYPES)
+            raise LogError(f"{file}: {name}: {encoding!r} of {kind!r}; clt reads 'cdr' of {known}")
         if name not in channels:
-            schema = _schema(kind)
-            channels[name] = Channel(len(channels), name, encoding, schema, {})
+            channels[name] = Channel(len(channels), name, encoding, _schema(kind), {})
             gathered.add_channel(keep=True)
         number[topic] = channels[name].number
+    return number
+
+
+def _gather(database: sqlite3.Connection, number: dict[int, int], gathered: Gathered) -> None:
+    """Add one file's messages of the topics in `number`, in the order of recording."""
     marks = ", ".join("?" * len(number))
-    cursor = database.execute(f"{FEW} WHERE topic_id IN ({marks}) ORDER BY id", list(number))
+    cursor = database.execute(f"{FETCHED} WHERE topic_id IN ({marks}) ORDER BY id", list(number))
     while len(rows := cursor.fetchmany(BATCH)) > 0:
+        if any(None in row for row in rows):  # although the schema forbids it
+            raise sqlite3.DatabaseError("a message without time or content")
         topics, stamps, payloads = zip(*rows, strict=True)
         length = np.fromiter(map(len, payloads), np.int32, len(payloads))
         gathered.add(
@@ -127,10 +140,8 @@ def _gather(
         )
 
 
-def _schema(kind: str) -> Schema | None:
-    """The definition of a type; None for one that no importer reads."""
-    if kind not in TYPES:
-        return None
+def _schema(kind: str) -> Schema:
+    """The definition of a type."""
     text = ros2msg(kind)
     if kind == "sensor_msgs/msg/Range":
         text = text.replace("float32 variance\n", "", 1)

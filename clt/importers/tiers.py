@@ -36,9 +36,11 @@ from clt.log.reader import Log
 from clt.log.roles import RangeStream, Stream, natural
 from clt.streams import Poses, Ranges, Recording, Robot, Team
 
-ODOMETRY = re.compile(r"/(?P<name>turtle(?:bot)?(?P<number>\d+))/odom")
-TRUTH = re.compile(r"/vrpn_client_node/(?P<name>turtle(?:bot)?(?P<number>\d+))(?:_\w+)?/pose")
-RANGE = re.compile(r"/uwb/tof/n_(?P<source>\d+)/n_(?P<target>\d+)/distance")
+ODOMETRY = re.compile(r"/(?P<name>turtle(?:bot)?(?P<number>\d+))/odom", re.ASCII)
+TRUTH = re.compile(
+    r"/vrpn_client_node/(?P<name>turtle(?:bot)?(?P<number>\d+))(?:_\w+)?/pose", re.ASCII
+)
+RANGE = re.compile(r"/uwb/tof/n_(?P<source>\d+)/n_(?P<target>\d+)/distance", re.ASCII)
 STILL = 0.1
 """A robot whose truth stays in a box of this size stands, m."""
 RANGE_SIGMA, RANGE_CORRELATION = 0.057, 0.5

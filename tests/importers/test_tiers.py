@@ -262,19 +262,38 @@ def test_messages_that_make_no_sense_are_counted(tmp_path):
         lambda data: b"no bag at all" * 100,
         lambda data: data[: len(data) // 2],
         lambda data: data[:100] + bytes(4096) + data[4196:],
+        lambda data: data.replace(b"TABLE messages(", b"TABLE mess\nges("),
+        lambda data: data.replace(b"TABLE messages(", b"TABLE mess\xffges("),
     ],
 )
-def test_damaged_file(tmp_path, damage, packed):
+def test_damaged_database(tmp_path, damage, packed):
     path = write_bag(tmp_path / "bag", streams())
-    data = path.read_bytes()
-    if packed:
-        path = path.with_name("bag_0.db3.gz")
-        data = gzip.compress(data)
-    path.write_bytes(damage(data))
+    data = damage(path.read_bytes())
+    assert data != path.read_bytes()
+    path.write_bytes(gzip.compress(data) if packed else data)
+    refused(path, "not a sound rosbag2 file in SQLite")
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda data: data[:2],
+        lambda data: data[: len(data) // 2],
+        lambda data: data[:300] + bytes(300) + data[600:],
+        lambda data: data[:-8] + bytes(8),
+    ],
+)
+def test_damaged_gzip(tmp_path, damage):
+    path = write_bag(tmp_path / "bag", streams())
+    path.write_bytes(damage(gzip.compress(path.read_bytes())))
+    refused(path, "a damaged gzip file")
+
+
+def refused(path, said):
     with pytest.raises(LogError) as caught:
         read_tiers(path)
     message = str(caught.value)
-    assert str(path) in message
+    assert message.startswith(f"{path}: {said}")
     assert "\n" not in message
 
 
