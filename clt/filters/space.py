@@ -80,13 +80,40 @@ def world_space(robots: int, *, calibrated: bool = False) -> Space:
     return make_space(range(robots), [WORLD] * robots, calibrated=calibrated)
 
 
+AT_REST = 0.01
+"""m/s, rad/s: wheels that turn no faster stand still, and have no errors."""
+
+
+@inlined
+def resting(v: float, omega: float) -> bool:
+    """Whether the wheels stand still: errors of scale and bias are those of turning wheels."""
+    return abs(v) < AT_REST and abs(omega) < AT_REST
+
+
 @inlined
 def twist(x: Floats, space: Space, d: int, v: float, omega: float) -> tuple[float, float]:
     """The measured twist of driver d with the errors that the state knows taken off."""
-    if space.calibration < 0:
+    if space.calibration < 0 or resting(v, omega):
         return v, omega
     s = space.calibration + 2 * d
     return (1.0 + x[s]) * v, omega + x[s + 1]
+
+
+@inlined
+def move_block(x: Floats, i: int, forward: int, v: float, omega: float, dt: float) -> None:
+    """Block i of x, in place, as the robot that is its `who` (`forward` 1) or its `base` moves."""
+    X, Y, T = 3 * i, 3 * i + 1, 3 * i + 2
+    if forward == 1:
+        dx, dy, _, _ = arc(x[T], v, omega, dt)
+        x[X] += dx
+        x[Y] += dy
+        x[T] += omega * dt
+    else:
+        dx, dy, _, _ = arc(0.0, v, omega, dt)
+        c, s = np.cos(omega * dt), np.sin(omega * dt)
+        px, py = x[X] - dx, x[Y] - dy
+        x[X], x[Y] = c * px + s * py, c * py - s * px
+        x[T] -= omega * dt
 
 
 @lean
@@ -96,18 +123,7 @@ def move(x: Floats, space: Space, d: int, v: float, omega: float, dt: float) -> 
     Exact: Araki's eq. (1) integrated for the ego's and the neighbour's arcs one after the other.
     """
     for k in range(space.first[d], space.first[d + 1]):
-        X, Y, T = 3 * space.block[k], 3 * space.block[k] + 1, 3 * space.block[k] + 2
-        if space.forward[k] == 1:
-            dx, dy, _, _ = arc(x[T], v, omega, dt)
-            x[X] += dx
-            x[Y] += dy
-            x[T] += omega * dt
-        else:
-            dx, dy, _, _ = arc(0.0, v, omega, dt)
-            c, s = np.cos(omega * dt), np.sin(omega * dt)
-            px, py = x[X] - dx, x[Y] - dy
-            x[X], x[Y] = c * px + s * py, c * py - s * px
-            x[T] -= omega * dt
+        move_block(x, space.block[k], space.forward[k], v, omega, dt)
 
 
 def relative_blocks(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from clt.filters.compiled import lean
-from clt.filters.space import Space, move, twist
+from clt.filters.space import Space, move, resting, twist
 from clt.filters.unicycle import arc
 from clt.streams import Floats
 
@@ -74,7 +74,7 @@ def linearize(
 def turn_rows(
     P: Floats, F: Floats, G: Floats, space: Space, k: int, s: int, u: float, dt: float
 ) -> None:
-    """P <- F P in the rows of the k-th moved block; u (m) is the measured v dt, s its scale."""
+    """P <- F P in the rows of the k-th moved block; u (m): measured v dt, s: its scale or -1."""
     i = space.block[k]
     X, Y, T = 3 * i, 3 * i + 1, 3 * i + 2
     fx, fy = F[i, 0], F[i, 1]
@@ -84,7 +84,7 @@ def turn_rows(
             P[X, c], P[Y, c] = px - fy * P[T, c], py + fx * P[T, c]
         else:
             P[X, c], P[Y, c] = fx * px + fy * py, fx * py - fy * px
-        if space.calibration >= 0:
+        if s >= 0:
             for r in (X, Y, T):
                 P[r, c] += u * G[r, 0] * P[s, c] + dt * G[r, 1] * P[s + 1, c]
 
@@ -101,7 +101,7 @@ def turn_columns(
         P[r, X], P[r, Y] = px - fy * P[r, T], py + fx * P[r, T]
     else:
         P[r, X], P[r, Y] = fx * px + fy * py, fx * py - fy * px
-    if space.calibration >= 0:
+    if s >= 0:
         for c in (X, Y, T):
             P[r, c] += u * G[c, 0] * P[r, s] + dt * G[c, 1] * P[r, s + 1]
 
@@ -116,7 +116,9 @@ def carry(
     The densities are variance times interval of one odometry sample: Q = G diag(density dt) G^T.
     F (B, 2) and G (N, 2) are scratch; `shift` see `linearize`.
     """
-    first, last, s = space.first[d], space.first[d + 1], space.calibration + 2 * d
+    first, last = space.first[d], space.first[d + 1]
+    known = space.calibration < 0 or resting(v_measured, omega_measured)
+    s = -1 if known else space.calibration + 2 * d
     v, omega = twist(x, space, d, v_measured, omega_measured)
     move(x, space, d, v, omega, dt)
     linearize(x, F, shift, space, d, v, omega, dt)

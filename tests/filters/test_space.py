@@ -158,3 +158,17 @@ def test_frames_are_read(text, view):
 def test_other_frames_are_refused(text):
     with pytest.raises(UsageError, match="--frame"):
         parse_view(text)
+
+
+def test_wheels_at_rest_have_no_errors():
+    space = make_space((1,), (0,), calibrated=True)
+    x, P = np.arange(7.0), np.eye(7)
+    x[3:] = 0.1
+    before = x.copy()
+    scratch = np.zeros((1, 2)), np.zeros((7, 2)), np.zeros((1, 2))
+    carry(x, P, *scratch, space, 0, 0.004, -0.009, 1.0, 0.0, 0.0)
+    move(before, space, 0, 0.004, -0.009, 1.0)
+    np.testing.assert_array_equal(x, before)
+    assert not np.any(P[:3, 3:])
+    carry(x, P, *scratch, space, 0, 0.02, 0.0, 1.0, 0.0, 0.0)
+    assert np.any(P[:3, 3:])
