@@ -52,6 +52,15 @@ class Run(NamedTuple):
     """How often each block was lost and searched for anew, shape (B,)."""
 
 
+class Memory(NamedTuple):
+    """What a run needs beside mean and covariance to go on where an earlier one stopped."""
+
+    seen: Indices
+    """What each block's ranges said of late (`reacquisition`)."""
+    shift: Floats
+    """How far ranges moved each block since its last step, shape (B, 2), m; see `propagate`."""
+
+
 class State(NamedTuple):
     """What the filter knows of B blocks moved by D drivers; N numbers."""
 
@@ -259,6 +268,11 @@ def most_at_once(stamp: Stamps) -> int:
     return int(np.diff(first, append=stamp.size).max(initial=0))
 
 
+def no_memory(n: int, start: int) -> Memory:
+    """Of n blocks at the time `start` (ns), when nothing was seen yet."""
+    return Memory(fresh_memory(n, start), np.zeros((n, 2)))
+
+
 def run(
     mean: Floats,
     covariance: Floats,
@@ -274,21 +288,24 @@ def run(
     first: bool = False,
     space: Space | None = None,
     end: int | None = None,
+    memory: Memory | None = None,
 ) -> Run:
     """Filter one log: joint mean (N,) and covariance (N, N) at `start` (ns), lever (B, 2).
 
     gate: chi-square bound of one range, 0 for none; reacquire: s; form: of the process noise;
     first: first-estimates Jacobians instead of those at the latest estimate; space: by default
     the world's, one block for each robot that has segments; end: ns, up to where all are carried
-    in the end, by default the last stamp of the ranges and outputs.
+    in the end, by default the last stamp of the ranges and outputs; memory: of the run to go on
+    from, by default of none; this run's own in the end.
     Linear algebra runs in one thread: at these sizes a second one costs more than it helps.
     """
     x, P = mean.astype(np.float64), covariance.astype(np.float64)
     space = world_space(segments.first.size - 1) if space is None else space
     n, M, O = space.who.size, ranges.stamp.size, outputs.stamp.size  # noqa: E741
+    memory = no_memory(n, start) if memory is None else memory
     state = State(
         x, P, np.full(segments.first.size - 1, start), segments.first[:-1].copy(),
-        fresh_memory(n, start), np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((x.size, 2)),
+        memory.seen, memory.shift, np.zeros((n, 2)), np.zeros((x.size, 2)),
     )  # fmt: skip
     work = kalman.workspace(most_at_once(ranges.stamp), x.size)
     result = Run(

@@ -34,6 +34,7 @@ def solve_ekf(problem: Problem, settings: FilterSettings) -> Solution:
 def solve(problem: Problem, settings: FilterSettings, *, first: bool) -> Solution:
     """Run the kernel. Raises UsageError for Shi's process noise outside the world frame."""
     form = process_form(problem, settings)
+    memory = remembered(problem)
     run = eskf.run(
         problem.mean,
         problem.covariance,
@@ -48,6 +49,7 @@ def solve(problem: Problem, settings: FilterSettings, *, first: bool) -> Solutio
         first=first,
         space=problem.space,
         end=problem.end,
+        memory=memory,
     )
     return Solution(
         run.mean,
@@ -57,7 +59,15 @@ def solve(problem: Problem, settings: FilterSettings, *, first: bool) -> Solutio
         run.verdict,
         run.lost,
         single(run.last_mean, run.last_covariance),
+        memory=memory,
     )
+
+
+def remembered(problem: Problem) -> eskf.Memory:
+    """What the run that this one goes on from kept, copied; else what a first one begins with."""
+    if isinstance(problem.memory, eskf.Memory):
+        return eskf.Memory._make(column.copy() for column in problem.memory)
+    return eskf.no_memory(len(problem.robots), problem.start)
 
 
 def process_form(problem: Problem, settings: FilterSettings) -> int:

@@ -46,11 +46,37 @@ class Initial(Settings):
     """x, y in m and heading in rad, for `--init truth`."""
 
 
+class Received(Settings):
+    """What a replay in the order of arrival does."""
+
+    lag: Annotated[float, Field(ge=0, le=10)] = 1.0
+    """How late a measurement may arrive to be fused all the same, at its own stamp, s."""
+
+
+class Ukf(Settings):
+    """Merwe's sigma points: at alpha sqrt(N + kappa) standard deviations of a state of N numbers.
+
+    No key may be negative: covariances then stay so.
+    """
+
+    alpha: Positive = 1.0
+    beta: NotNegative = 2.0
+    kappa: NotNegative = 0.0
+
+
+class Mixture(Settings):
+    """The Gaussian mixture."""
+
+    components: int = Field(default=100, ge=1, le=10_000)
+    """Hypotheses kept; four times as many have room while they are split."""
+
+
 class FilterSettings(Settings):
     """All keys of `clt localize`."""
 
     noise: Noise = Noise()
     initial: Initial = Initial()
+    ukf: Ukf = Ukf()
     process: Literal["exact", "shi"] = "exact"
     """Form of the process noise: along the heading, or the paper's diagonal."""
     jacobians: Literal["auto", "latest", "first"] = "auto"
@@ -61,3 +87,5 @@ class FilterSettings(Settings):
     reacquire: Positive = 3.0
     """A robot is called lost, and searched for anew, when most of its ranges with several partners
     were rejected over this many seconds."""
+    received: Received = Received()
+    mixture: Mixture = Mixture()

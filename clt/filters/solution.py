@@ -32,6 +32,8 @@ class Solution:
     share: Floats | None = None
     """Probability of the leading mode of each output's block, (outputs,); None where a filter
     knows only one."""
+    memory: object = None
+    """What the filter keeps beside its belief, to go on from here as if it had never stopped."""
 
 
 Filter = Callable[[Problem, FilterSettings], Solution]

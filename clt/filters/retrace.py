@@ -1,0 +1,141 @@
+"""Any filter, run again from an earlier belief whenever something arrives that was true before.
+
+At each epoch the filter goes back to the newest belief that is not later than the oldest news and
+steps from epoch to epoch with all that is known by now, replacing the beliefs on its way: each
+belief kept holds all that was known of its past. Those older than the lag are forgotten.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from clt.filters.arrivals import Driver, Feed, changed_since, known_segments, rows_after
+from clt.filters.inputs import Outputs, RangeTable, Segments, join_segments, standing
+from clt.filters.problem import Problem
+from clt.filters.settings import FilterSettings, Noise
+from clt.filters.solution import Filter, Solution
+from clt.streams import Indices, Stamps
+
+UNJUDGED = -1
+"""Verdict on a range that no run came to."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A problem and how its messages came in."""
+
+    problem: Problem
+    """Its ranges are those to fuse; its segments and outputs are not looked at."""
+    drivers: tuple[Driver | None, ...]
+    """In the order of the problem's; None for one that stands."""
+    ranges: Feed
+    """The arrival of the problem's ranges."""
+    epochs: Stamps
+    """When an estimate is made, the start first, shape (E,) with E > 1, ns."""
+    noise: Noise
+    lag: int
+    """How late ranges may come, ns."""
+
+
+def solve(case: Replay, settings: FilterSettings, run: Filter) -> Solution:
+    """Estimate every block at every epoch, the start included: outputs as of `all_blocks`.
+
+    Ranges are judged when first fused; those that never were are UNJUDGED.
+    """
+    size = case.problem.ranges.stamp.size
+    residual, variance = np.full(size, np.nan), np.full(size, np.nan)
+    verdict = np.full(size, UNJUDGED)
+    kept: dict[int, Solution] = {}
+    made: list[Solution] = []
+    for k, (before, now) in enumerate(pairwise(case.epochs.tolist()), start=1):
+        first = origin(case, kept, k - 1, before, now)
+        segments = known(case, int(case.epochs[first]), now)
+        for i in range(first, k):
+            rows = ranges_known(case, i, now)
+            kept[i + 1] = run(step(case, kept.get(i), i, rows, segments), settings)
+            fresh = verdict[rows] == UNJUDGED
+            for whole, part in (
+                (residual, kept[i + 1].residual),
+                (variance, kept[i + 1].variance),
+                (verdict, kept[i + 1].verdict),
+            ):
+                whole[rows[fresh]] = part[fresh]
+        made.append(kept[k])
+        forget(case, kept, now)
+    last = made[-1]
+    shares = [solution.share for solution in made if solution.share is not None]
+    return Solution(
+        np.concatenate([solution.mean for solution in made]),
+        np.concatenate([solution.covariance for solution in made]),
+        residual,
+        variance,
+        verdict,
+        last.lost,
+        last.belief,
+        np.concatenate(shares) if len(shares) > 0 else None,
+    )
+
+
+def origin(case: Replay, kept: dict[int, Solution], newest: int, before: int, now: int) -> int:
+    """The newest epoch that nothing which arrived after `before`, by `now`, is older than.
+
+    Where odometry came too late, the oldest that is kept.
+    """
+    start = case.problem.start
+    since = [changed_since(own, before, now, start) for own in case.drivers if own is not None]
+    news = case.ranges.new(before, now)
+    if news.size > 0:
+        since.append(int(case.ranges.stamp[news].min()) - 1)
+    index = int(np.searchsorted(case.epochs, min(since), "right")) - 1
+    return min(max(index, min(kept, default=0)), newest)
+
+
+def forget(case: Replay, kept: dict[int, Solution], now: int) -> None:
+    """Drop what no range that may still come is older than."""
+    oldest = int(np.searchsorted(case.epochs, now - case.lag, "right")) - 1
+    for index in [index for index in kept if index < oldest]:
+        del kept[index]
+
+
+def known(case: Replay, since: int, now: int) -> Segments:
+    """The twists of all drivers from one time to another, by what had arrived by then."""
+    noise, start = case.noise, case.problem.start
+    return join_segments(
+        [
+            standing() if own is None else known_segments(own, noise, since, now, start)
+            for own in case.drivers
+        ]
+    )
+
+
+def ranges_known(case: Replay, i: int, now: int) -> Indices:
+    """Rows of the ranges between epochs i and i + 1 that had arrived by `now`."""
+    low, high = np.searchsorted(case.ranges.stamp, case.epochs[i : i + 2], "right")
+    rows: Indices = low + np.flatnonzero(case.ranges.log_time[low:high] <= now)
+    return rows
+
+
+def step(case: Replay, left: Solution | None, i: int, rows: Indices, segments: Segments) -> Problem:
+    """The problem from epoch i, as an earlier run left it, to the next one."""
+    problem = case.problem
+    start, end = case.epochs[i : i + 2].tolist()
+    return replace(
+        problem,
+        prior=problem.prior if left is None else None,
+        belief=problem.belief if left is None else left.belief,
+        memory=None if left is None else left.memory,
+        segments=rows_after(segments, start),
+        ranges=RangeTable._make(column[rows] for column in problem.ranges),
+        outputs=all_blocks(len(problem.robots), case.epochs[i + (i > 0) : i + 2]),
+        start=start,
+        end=end,
+        epoch=i,
+    )
+
+
+def all_blocks(count: int, stamps: Stamps) -> Outputs:
+    """Every one of `count` blocks at each of some times."""
+    return Outputs(np.repeat(stamps, count), np.tile(np.arange(count), stamps.size))
