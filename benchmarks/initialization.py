@@ -22,8 +22,9 @@ from clt.filters.settings import FilterSettings
 from clt.geometry import wrap
 from clt.importers.thu import read_thu
 from clt.init.layout import lay_out
-from clt.init.motion import Initialization, from_motion
+from clt.init.motion import from_motion
 from clt.init.pairs import Pairs
+from clt.init.status import Initialization
 from clt.metrics.evaluate import evaluate
 from clt.metrics.evaluation import EvaluateOptions
 from clt.pipeline import estimate

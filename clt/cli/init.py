@@ -10,7 +10,7 @@ import typer
 from clt.cli.options import Force, Json, Log, Quiet, Set, Verbose
 
 if TYPE_CHECKING:
-    from clt.init.motion import Initialization, RobotStatus
+    from clt.init.status import Initialization, RobotStatus
 
 HEADER = """\
 # Initial poses by `clt init --method {method}`, for `clt localize --init FILE` on the same log.

@@ -8,7 +8,7 @@ as a mode, which only the sign of the turn rate breaks.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,6 +39,8 @@ class Mode:
     covariance: Floats
     """At the end, (3, 3)."""
     log_likelihood: float
+    nis: float
+    """Mean NIS of the ranges; 1 for a true model."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,17 @@ class Refined:
     """Joint mean at the end, (n,)."""
     end_covariance: Floats
 
+    @property
+    def first(self) -> Refined:
+        """The first robot's part."""
+        return replace(
+            self,
+            mean=self.mean[:3],
+            covariance=self.covariance[:3, :3],
+            end=self.end[:3],
+            end_covariance=self.end_covariance[:3, :3],
+        )
+
 
 def hypotheses(places: Sequence[Floats], lever: Floats, extra: Sequence[Floats]) -> list[Floats]:
     """Poses (3,): all headings at every place (2,) of the antenna, and further poses."""
@@ -65,16 +78,21 @@ def hypotheses(places: Sequence[Floats], lever: Floats, extra: Sequence[Floats])
     return [*around, *extra]
 
 
-def judge(window: Window, poses: Sequence[Floats], spread: float) -> list[Mode]:
-    """Run one robot's hypotheses; positions are believed to `spread` m. The best mode first."""
-    P = np.diag(np.square([spread, spread, SPREAD]))
+def judge(
+    window: Window, poses: Sequence[Floats], spread: float, company: Sequence[Floats] = ()
+) -> list[Mode]:
+    """Run the first robot's hypotheses; positions are believed to `spread` m. The best mode first.
+
+    `company` are the poses (3,) of the other robots in the window.
+    """
+    P = np.diag(np.square([spread, spread, SPREAD, *WIDE * len(company)]))
     tried = []
     for pose in poses:
-        result = run(window, pose, P)
+        result = run(window, np.concatenate([pose, *company]), P)
         if np.isfinite(result.last_mean).all() and np.isfinite(result.residual).all():
-            end = np.append(result.last_mean[:2], wrap(result.last_mean[2:]))
-            likelihood = log_likelihood(window, result)
-            tried.append(Mode(pose, end, result.last_covariance, likelihood))
+            end = np.append(result.last_mean[:2], wrap(result.last_mean[2:3]))
+            likelihood, nis = log_likelihood(window, result), mean_nis(window, result)
+            tried.append(Mode(pose, end, result.last_covariance[:3, :3], likelihood, nis))
     tried.sort(key=lambda mode: -mode.log_likelihood)
     groups: list[list[Mode]] = []
     for mode in tried:
@@ -97,14 +115,17 @@ def alike(a: Mode, b: Mode) -> bool:
 
 def merged(group: list[Mode]) -> Mode:
     """The best of a group with the probability of all."""
-    best = group[0]
     total = float(np.logaddexp.reduce([mode.log_likelihood for mode in group]))
-    return Mode(best.start, best.end, best.covariance, total)
+    return replace(group[0], log_likelihood=total)
 
 
-def probabilities(log_likelihoods: Sequence[float]) -> Floats:
-    """Shares of exp(log-likelihood), shape (k,)."""
-    values = np.asarray(log_likelihoods, dtype=np.float64)
+def probabilities(log_likelihoods: Sequence[float], nis: float = 1.0) -> Floats:
+    """Shares of exp(log-likelihood), shape (k,).
+
+    Where even the best has a mean NIS above 1, ranges tell less than their sigma promises: the
+    likelihoods count for 1 / `nis`.
+    """
+    values = np.asarray(log_likelihoods, dtype=np.float64) / max(1.0, nis)
     shares = np.exp(values - values.max())
     return np.asarray(shares / shares.sum())
 

@@ -7,18 +7,19 @@ image, so a layout that is not on one line comes twice.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from clt.filters.settings import FilterSettings
 from clt.init.layout import Layout, lay_out, mirrored
-from clt.init.pairs import mean_distances
+from clt.init.pairs import Pairs, mean_distances
 from clt.streams import Floats, Recording
 
 SURVEY = 10_000_000_000
-"""Over this long, ns, distances between static robots are averaged where nobody else stands."""
+"""Over this long, ns, distances between static robots are averaged where nobody else stands;
+longer as long as they do not tie all static robots together."""
 LEAST_STANDSTILL = 500_000_000
 """A common standstill that is worth a layout of the whole team, ns."""
 LOOSE = 0.3
@@ -39,13 +40,17 @@ class Frame:
     """Standard deviations (3,) to start from, of those whose position ranges shall refine."""
     standing: Mapping[str, Floats]
     """Antenna positions (2,) of moving robots that stood still; each may be its mirror image."""
+    covariance: Mapping[str, Floats]
+    """By the layout, (2, 2), of `loose` and `standing`."""
     on_a_line: bool
     """The static robots lie on one line: they cannot tell its two sides apart."""
 
+    axis: tuple[Floats, Floats]
+    """Two points (2,) of the line at which a layout is not told from its mirror image."""
+
     def reflect(self, point: Floats) -> Floats:
-        """The mirror image of a point at the line of the static robots."""
-        a, b = widest_pair(list(self.anchors.values()))
-        return mirrored(point, a, b)
+        """The mirror image of a point at that line."""
+        return mirrored(point, *self.axis)
 
 
 @dataclass(frozen=True)
@@ -56,10 +61,14 @@ class Survey:
     why: str = ""
     """Why there is no frame."""
     notes: tuple[str, ...] = ()
+    left_out: tuple[tuple[int, int], ...] = ()
+    """Pairs (team indices) whose distance contradicts the others."""
 
 
-def survey(recording: Recording, begin: int, still: int, settings: FilterSettings) -> Survey:
-    """Place the static robots, from `begin` on; until `still` (ns) the whole team stands."""
+def survey(
+    recording: Recording, begin: int, still: int, names: Sequence[str], settings: FilterSettings
+) -> Survey:
+    """Place the static robots from `begin` on; until `still` (ns) the moving `names` stand, too."""
     team = recording.team
     static = list(team.static)
     if len(static) < 2:
@@ -71,24 +80,53 @@ def survey(recording: Recording, begin: int, still: int, settings: FilterSetting
     if len(known) == 1 and not surveyed:
         notes = (f"only {next(iter(known))} has a known position: the frame is built from ranges",)
     known = known if surveyed else {}
-    together = still - begin >= LEAST_STANDSTILL
-    names = [r.name for r in static]
-    if together:
-        names += [r.name for r in team.moving if r.name in recording.odometry]
+    standers = list(names) if still - begin >= LEAST_STANDSTILL else []
+    fixed = [r.name for r in static]
+    names = [*fixed, *standers]
     if len(names) == len(known):
-        return Survey((_frame(True, known, {}, {}),))
-    pairs = mean_distances(
-        recording,
-        [team.index(name) for name in names],
-        begin,
-        still if together else begin + SURVEY,
-        settings.noise,
+        return Survey((_frame(True, known, {}, {}, {}, list(known.values())),), notes=notes)
+    indices, first = [team.index(name) for name in names], len(fixed)
+    given = {names.index(n): p for n, p in known.items()}
+    until = still if len(standers) > 0 else begin + SURVEY
+    ends, found = _laid(recording, indices, given, (begin, until), settings)
+    last = int(recording.ranges.stamp[-1]) if recording.ranges.stamp.size > 0 else 0
+    later, waited = until, False
+    while not found.rigid[:first].all() and later < last:
+        # Robots that stood only at first say nothing about one that came later.
+        later = max(begin + 2 * (later - begin), begin + SURVEY)
+        more = _laid(recording, indices[:first], given, (begin, later), settings)
+        if more[1].rigid.sum() > found.rigid[:first].sum():
+            (ends, found), names, waited = more, fixed, True
+    if waited:
+        seconds = (later - begin) * 1e-9
+        notes += (f"it took {seconds:.0f} s of ranges until the static robots could be placed",)
+    left = np.flatnonzero(~found.used)
+    notes += tuple(
+        f"the mean distance {team.names[ends[k][0]]}-{team.names[ends[k][1]]} contradicts the "
+        f"others by {found.residual[k]:+.2f} m: its ranges are left out of the start"
+        for k in left.tolist()
     )
-    node = np.full(len(team.robots), -1)
-    node[[team.index(name) for name in names]] = np.arange(len(names))
-    pairs = type(pairs)(node[pairs.a], node[pairs.b], pairs.distance, pairs.sigma)
-    found = lay_out(pairs, len(names), {names.index(n): p for n, p in known.items()})
-    return _arrangements(names, len(static), known, found, notes)
+    made = _arrangements(names, first, known, found, notes)
+    return replace(made, left_out=tuple(ends[k] for k in left.tolist()))
+
+
+def _laid(
+    recording: Recording,
+    indices: list[int],
+    known: Mapping[int, Floats],
+    span: tuple[int, int],
+    settings: FilterSettings,
+) -> tuple[list[tuple[int, int]], Layout]:
+    """The layout of the robots at team `indices` by their ranges in `span` (ns).
+
+    Returns the ends of each pair as team indices, too.
+    """
+    pairs = mean_distances(recording, indices, *span, settings.noise)
+    ends = list(zip(pairs.a.tolist(), pairs.b.tolist(), strict=True))
+    node = np.full(len(recording.team.robots), -1)
+    node[indices] = np.arange(len(indices))
+    nodes = Pairs(node[pairs.a], node[pairs.b], pairs.distance, pairs.sigma)
+    return ends, lay_out(nodes, len(indices), known)
 
 
 def _arrangements(
@@ -114,19 +152,27 @@ def _arrangements(
     standing = {
         name: found.position[i] for i, name in enumerate(names) if i >= static and found.rigid[i]
     }
+    spread = {n: _block(found, names.index(n)) for n in (*loose, *standing)}
     surveyed = len(known) >= 2
-    one = _frame(surveyed, placed, loose, standing)
     base = list(known.values()) if surveyed else [placed[name] for name in list(placed)[:2]]
+    one = _frame(surveyed, placed, loose, standing, spread, base)
     if not on_one_line(base) or on_one_line([*base, *placed.values()]):
         return Survey((one,), notes=notes)
     a, b = widest_pair(base)
+    flip = mirrored(np.eye(2), np.zeros(2), b - a)
     other = _frame(
         surveyed,
         {name: mirrored(p, a, b) if name in loose else p for name, p in placed.items()},
         loose,
         {name: mirrored(p, a, b) for name, p in standing.items()},
+        {name: flip @ P @ flip for name, P in spread.items()},
+        base,
     )
     return Survey((one, other), notes=notes)
+
+
+def _block(found: Layout, i: int) -> Floats:
+    return np.asarray(found.covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2])
 
 
 def _frame(
@@ -134,8 +180,13 @@ def _frame(
     anchors: dict[str, Floats],
     loose: dict[str, Floats],
     standing: dict[str, Floats],
+    covariance: dict[str, Floats],
+    base: list[Floats],
 ) -> Frame:
-    return Frame(surveyed, anchors, loose, standing, on_one_line(list(anchors.values())))
+    """The frame that the robots at `base` hold."""
+    line = on_one_line(list(anchors.values()))
+    axis = widest_pair(list(anchors.values()) if line else base)
+    return Frame(surveyed, anchors, loose, standing, covariance, line, axis)
 
 
 def widest_pair(points: list[Floats]) -> tuple[Floats, Floats]:

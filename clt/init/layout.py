@@ -16,12 +16,10 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import chdtri
 
-from clt.init.mds import complete, scale
+from clt.init.guesses import RESTARTS, shaken, starts
 from clt.init.pairs import Pairs
 from clt.streams import Floats
 
-RESTARTS = 12
-"""Further starts where distances are missing or contradict each other."""
 RIGID = 1e-9
 """Smallest eigenvalue of a rigid layout's normal matrix, as a share of the largest."""
 
@@ -84,14 +82,14 @@ def lay_out(pairs: Pairs, n: int, known: Mapping[int, Floats]) -> Layout:
     """
     known = known if len(known) >= 2 else {}
     problem = _problem(pairs, n, known)
-    starts = _starts(pairs, n, known)
-    best = min((_fit(problem, start) for start in starts), key=_cost)
+    guesses = starts(pairs, n, known)
+    best = min((_fit(problem, start) for start in guesses), key=_cost)
     used = np.ones(pairs.a.size, np.bool_)
     if pairs.a.size < n * (n - 1) // 2 or _contradictory(problem, best):
-        more = [_shaken(start, k) for start in starts for k in range(RESTARTS)]
+        more = [shaken(start, k) for start in guesses for k in range(RESTARTS)]
         best = min([best, *(_fit(problem, start) for start in more)], key=_cost)
         if _contradictory(problem, best):
-            robust = min((_fit(problem, s, robust=True) for s in (*starts, *more)), key=_cost)
+            robust = min((_fit(problem, s, robust=True) for s in (*guesses, *more)), key=_cost)
             best, used = _without_outliers(problem, best, problem.place(robust[0]))
             problem = replace(problem, pairs=_select(pairs, used))
     position, covariance, rigid = _covariance(problem, *best)
@@ -117,53 +115,11 @@ def _problem(pairs: Pairs, n: int, known: Mapping[int, Floats]) -> _Problem:
     return _Problem(pairs, free, fixed)
 
 
-def _starts(pairs: Pairs, n: int, known: Mapping[int, Floats]) -> list[Floats]:
-    """Multidimensional scaling, brought into the frame; with known positions both ways round."""
-    distance = np.full((n, n), np.nan)
-    distance[pairs.a, pairs.b] = distance[pairs.b, pairs.a] = np.maximum(pairs.distance, 1e-3)
-    for i, p in known.items():
-        for j, q in known.items():
-            distance[i, j] = float(np.hypot(*(p - q)))
-    full = complete(distance)
-    far = 2.0 * float(np.max(full[np.isfinite(full)], initial=1.0))
-    raw = scale(np.where(np.isfinite(full), full, far))
-    if len(known) == 0:
-        return [_in_frame(raw, np.zeros(2), np.array([1.0, 0.0]), 0, 1)]
-    nodes = list(known)
-    target = np.array([known[node] for node in nodes])
-    return [_procrustes(raw * [1.0, sign], nodes, target) for sign in (1.0, -1.0)]
-
-
-def _in_frame(raw: Floats, origin: Floats, along: Floats, a: int, b: int) -> Floats:
-    """Turn and shift positions so that node a lies at `origin` and b towards `along`."""
-    d = raw[b] - raw[a]
-    length = max(float(np.hypot(*d)), 1e-9)
-    c, s = d / length
-    turned = (raw - raw[a]) @ np.array([[c, -s], [s, c]])
-    x, y = along
-    return np.asarray(origin + turned @ np.array([[x, y], [-y, x]]))
-
-
-def _procrustes(raw: Floats, nodes: list[int], target: Floats) -> Floats:
-    """Turn and shift positions onto the known ones, without reflection."""
-    source = raw[nodes]
-    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
-    angle = np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b))
-    c, s = np.cos(angle), np.sin(angle)
-    return np.asarray((raw - source.mean(axis=0)) @ np.array([[c, s], [-s, c]]) + target.mean(0))
-
-
-def _shaken(start: Floats, seed: int) -> Floats:
-    """Another start, off by up to the size of the layout."""
-    size = float(np.max(np.abs(start - start.mean(axis=0)), initial=1.0))
-    noise = np.random.default_rng(seed).normal(size=start.shape)
-    return np.asarray(start + (seed + 1) / RESTARTS * size * noise)
-
-
 def _fit(problem: _Problem, start: Floats, robust: bool = False) -> tuple[Floats, float]:
     """Parameters of a local minimum and their cost (the sum of squares, or its robust form)."""
     if not problem.free.any():
         return np.empty(0), float(np.sum(problem.residual(np.empty(0)) ** 2))
+    tolerance = 1e-6 if robust else 1e-12
     found = least_squares(
         problem.residual,
         start[problem.free],
@@ -171,9 +127,9 @@ def _fit(problem: _Problem, start: Floats, robust: bool = False) -> tuple[Floats
         loss="cauchy" if robust else "linear",
         f_scale=2.0 if robust else 1.0,
         x_scale="jac" if robust else 1.0,
-        xtol=1e-12,
-        ftol=1e-12,
-        gtol=1e-12,
+        xtol=tolerance,
+        ftol=tolerance,
+        gtol=tolerance,
     )
     return np.asarray(found.x), 2.0 * float(found.cost)
 
@@ -183,24 +139,28 @@ def _without_outliers(
 ) -> tuple[tuple[Floats, float], NDArray[np.bool_]]:
     """The fit without as few distances as make the rest agree; with all of them if none do.
 
-    One after the other, that one is left out whose absence helps most, from two starts. At most
-    half as many as there are more distances than unknowns: agreement must mean something.
+    One after the other, that one is left out whose absence helps most, from two starts; where
+    several would make the rest agree, the one that is off by least. At most half as many as there
+    are more distances than unknowns: agreement must mean something.
     """
     everything = np.ones(problem.pairs.a.size, np.bool_)
     used, fit = everything.copy(), best
     for _ in range((used.size - int(problem.free.sum())) // 2):
-        trials = []
+        trials, agreeing = [], []
         for k in np.flatnonzero(used):
             rest = used.copy()
             rest[k] = False
             kept = replace(problem, pairs=_select(problem.pairs, rest))
             if _well_posed(kept, fit[0]):
-                fits = (_fit(kept, start) for start in (problem.place(fit[0]), other))
-                trials.append((min(fits, key=_cost), rest, kept))
+                found = min((_fit(kept, s) for s in (problem.place(fit[0]), other)), key=_cost)
+                trials.append((found[1], rest, found))
+                if not _contradictory(kept, found):
+                    off = abs(float((problem.residual(found[0]) * problem.pairs.sigma)[k]))
+                    agreeing.append((off, rest, found))
         if len(trials) == 0:
             break
-        fit, used, kept = min(trials, key=lambda trial: trial[0][1])
-        if not _contradictory(kept, fit):
+        _, used, fit = min(agreeing or trials, key=lambda trial: trial[0])
+        if len(agreeing) > 0:
             return fit, used
     return best, everything
 
@@ -232,24 +192,30 @@ def _covariance(
 
     Distances that contradict each other beyond chance widen it by what they are off.
     """
-    J = problem.jacobian(parameters)
     n = problem.free.shape[0]
     position, covariance = problem.place(parameters), np.zeros((2 * n, 2 * n))
-    rigid = np.ones(n, np.bool_)
     if parameters.size == 0:
-        return position, covariance, rigid
-    values, vectors = np.linalg.eigh(J.T @ J)
-    loose = values <= RIGID * max(float(values[-1]), 1e-12)
-    inverse = np.where(loose, 0.0, 1.0 / np.where(loose, 1.0, values))
+        return position, covariance, np.ones(n, np.bool_)
+    J = problem.jacobian(parameters)
+    inverse, rigid = _inverse(J, problem.free)
     off = 1.0
     if _contradictory(problem, (parameters, cost), 0.01):
         off = cost / (J.shape[0] - J.shape[1])
     slots = np.flatnonzero(problem.free.ravel())
-    covariance[np.ix_(slots, slots)] = off * (vectors * inverse) @ vectors.T
-    swing = np.zeros(2 * n)
-    swing[slots] = np.sum(vectors[:, loose] ** 2, axis=1)
-    rigid = swing.reshape(n, 2).sum(axis=1) < 1e-6
-    return position, covariance, rigid
+    covariance[np.ix_(slots, slots)] = off * inverse
+    # Stretched to a line, a mechanism looks stiff: it must be rigid around there, too.
+    nearby = shaken(position, RESTARTS // 3)[problem.free]
+    return position, covariance, rigid & _inverse(problem.jacobian(nearby), problem.free)[1]
+
+
+def _inverse(J: Floats, free: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.bool_]]:
+    """Pseudo-inverse of J^T J, and the nodes (n,) that none of its free directions moves."""
+    values, vectors = np.linalg.eigh(J.T @ J)
+    loose = values <= RIGID * max(float(values[-1]), 1e-12)
+    inverse = np.where(loose, 0.0, 1.0 / np.where(loose, 1.0, values))
+    swing = np.zeros(free.shape)
+    swing[free] = np.sum(vectors[:, loose] ** 2, axis=1)
+    return (vectors * inverse) @ vectors.T, swing.sum(axis=1) < 1e-6
 
 
 def _conventional(position: Floats, covariance: Floats) -> tuple[Floats, Floats]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clt.filters.inputs import (
     DEFAULT_SIGMA_RANGE,
@@ -15,7 +16,7 @@ from clt.filters.inputs import (
     first_known,
 )
 from clt.filters.settings import Noise
-from clt.streams import Floats, Indices, Recording
+from clt.streams import Floats, Indices, Ranges, Recording
 
 CLIP = 3.5
 """A range further than this many standard deviations from its pair's middle is an outlier."""
@@ -75,6 +76,23 @@ def mean_distances(
         ]
     ).reshape(-1, 2)
     return Pairs(keys // size, keys % size, means[:, 0], means[:, 1])
+
+
+def between(recording: Recording, ends: Collection[tuple[int, int]]) -> NDArray[np.bool_]:
+    """Rows of the ranges that were measured between both `ends` (team indices) of a pair."""
+    size = len(recording.team.robots)
+    source, target = recording.ranges.source, recording.ranges.target
+    wanted = [min(a, b) * size + max(a, b) for a, b in ends]
+    return np.isin(np.minimum(source, target) * size + np.maximum(source, target), wanted)
+
+
+def without(recording: Recording, ends: Collection[tuple[int, int]]) -> Recording:
+    """The recording without the ranges of some pairs (team indices)."""
+    if len(ends) == 0:
+        return recording
+    keep, columns = ~between(recording, ends), vars(recording.ranges)
+    ranges = Ranges(**{name: column[keep] for name, column in columns.items()})
+    return replace(recording, ranges=ranges)
 
 
 def _mean(value: Floats, variance: Floats, weight: Floats) -> tuple[float, float]:

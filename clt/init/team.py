@@ -6,7 +6,7 @@ is the sum over the combinations that hold its pose.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import islice, product
 
@@ -16,13 +16,16 @@ from clt.filters.settings import FilterSettings
 from clt.init.bank import WIDE, Refined, probabilities, refine
 from clt.init.frame import Frame
 from clt.init.search import Candidate, Search
-from clt.init.window import Window, cut, log_likelihood, run
+from clt.init.window import Window, cut, log_likelihood, mean_nis, part_of, run
 from clt.streams import Floats, Recording
 
 MOST = 64
 """Combinations that are tried, the most probable ones."""
-LONGEST = 60_000_000_000
-"""Of the common window after the first robot moves, ns, unless a robot needed longer."""
+
+CHECKED = 60_000_000_000
+"""Over this long all ranges must agree with the start, ns."""
+MOST_WORK = 400_000_000
+"""Ranges times the squared size of the state, of a window that is filtered for every pair."""
 
 Combination = dict[str, Candidate]
 
@@ -35,6 +38,18 @@ class Verdict:
     """The most probable combination."""
     shares: Mapping[str, tuple[tuple[Candidate, float], ...]]
     """Each robot's possible poses with their probability, the best first."""
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Joint poses at the start of a window, in the order of `names`."""
+
+    names: tuple[str, ...]
+    poses: Refined
+    window: Window
+    """A longer one, over which to see whether all ranges agree with them."""
+    spread: Floats
+    """Standard deviations that the ranges had the say from, (n,)."""
 
 
 def combinations(searches: Mapping[str, Search], frames: int) -> list[Combination]:
@@ -61,7 +76,7 @@ def judge_team(
 ) -> Verdict:
     """Weigh the combinations of all robots' possible poses by all ranges in `span` (ns)."""
     tried = combinations(searches, len(frames))
-    scores = [0.0]
+    scores = [(0.0, 1.0)]
     if len(tried) > 1:
         scores = [
             _score(
@@ -70,7 +85,8 @@ def judge_team(
             )
             for combination, frame in ((c, frames[next(iter(c.values())).frame]) for c in tried)
         ]
-    probability = probabilities(scores)
+    likelihoods = [likelihood for likelihood, _ in scores]
+    probability = probabilities(likelihoods, scores[int(np.argmax(likelihoods))][1])
     order = np.argsort(-probability)
     shares: dict[str, tuple[tuple[Candidate, float], ...]] = {}
     for name, search in searches.items():
@@ -82,9 +98,10 @@ def judge_team(
     return Verdict(tried[int(order[0])], shares)
 
 
-def _score(window: Window, mean: Floats) -> float:
-    P = np.diag(np.tile(np.square(WIDE), len(window.moving)))
-    return log_likelihood(window, run(window, mean, P))
+def _score(window: Window, mean: Floats) -> tuple[float, float]:
+    """Log-likelihood and mean NIS from joint poses at the start of a window."""
+    result = run(window, mean, np.diag(np.tile(np.square(WIDE), len(window.moving))))
+    return log_likelihood(window, result), mean_nis(window, result)
 
 
 def settle(
@@ -94,12 +111,21 @@ def settle(
     span: tuple[int, int],
     still: Mapping[str, int],
     settings: FilterSettings,
-) -> tuple[tuple[str, ...], Refined]:
+) -> Settled:
     """Poses of the chosen robots and of uncertain static ones at the start of `span`, jointly."""
     floating = list(frame.loose)
     anchors = {name: p for name, p in frame.anchors.items() if name not in frame.loose}
-    window = cut(recording, list(chosen), floating, anchors, still, span, settings)
+    window, longer = (
+        cut(recording, list(chosen), floating, anchors, still, (span[0], end), settings)
+        for end in (span[1], max(span[1], span[0] + CHECKED))
+    )
     mean = [candidate.pose.mean for candidate in chosen.values()]
     mean += [np.append(frame.anchors[name], 0.0) for name in floating]
-    loose: Sequence[Floats] = list(frame.loose.values())
-    return (*chosen, *floating), refine(window, np.concatenate(mean), loose)
+    spread = np.concatenate([np.tile(WIDE, len(chosen)), *frame.loose.values()])
+    poses = refine(window, np.concatenate(mean), list(frame.loose.values()))
+    return Settled((*chosen, *floating), poses, shortened(longer), spread)
+
+
+def shortened(window: Window) -> Window:
+    """A window without the last of its ranges, if they are too many to filter again and again."""
+    return part_of(window, slice(max(MOST_WORK // window.size**2, 1)))

@@ -10,11 +10,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clt.filters import eskf
 from clt.filters.inputs import (
     LEAST_SIGMA_OMEGA,
     LEAST_SIGMA_V,
+    Outputs,
     RangeTable,
     Segments,
     join_segments,
@@ -30,7 +32,7 @@ NEVER = 1e7
 """Seconds after which a lost robot would be searched for anew: the bank does that itself."""
 WORST = 25.0
 """NIS beyond which a range tells no more against a hypothesis, where there is no gate."""
-NO_OUTPUTS = eskf.Outputs(np.empty(0, np.int64), np.empty(0, np.int64))
+NO_OUTPUTS = Outputs(np.empty(0, np.int64), np.empty(0, np.int64))
 
 
 @dataclass(frozen=True)
@@ -114,23 +116,35 @@ def run(window: Window, mean: Floats, covariance: Floats) -> eskf.Run:
     )
 
 
-def log_likelihood(window: Window, result: eskf.Run) -> float:
-    """Logarithm of how probable the ranges were, up to a constant.
-
-    A range counts for as many as it is worth where errors are correlated, and however far off it
-    is, it may have been an outlier.
-    """
-    table = window.ranges
-    worth = table.variance / table.weight_variance
+def bounded_nis(window: Window, result: eskf.Run) -> Floats:
+    """NIS of each range, cut off: however far off a range is, it may have been an outlier."""
     worst = window.settings.gate if window.settings.gate > 0.0 else WORST
-    nis = np.minimum(result.residual**2 / result.variance, worst)
-    return float(-0.5 * np.sum(worth * (nis + np.log(result.variance))))
+    return np.minimum(result.residual**2 / result.variance, worst)
+
+
+def row_likelihood(window: Window, result: eskf.Run) -> Floats:
+    """Logarithm of how probable each range was, up to a constant.
+
+    A range counts for as many as it is worth where errors are correlated.
+    """
+    worth = window.ranges.variance / window.ranges.weight_variance
+    return np.asarray(-0.5 * worth * (bounded_nis(window, result) + np.log(result.variance)))
+
+
+def log_likelihood(window: Window, result: eskf.Run) -> float:
+    """Logarithm of how probable all ranges were, up to a constant."""
+    return float(np.sum(row_likelihood(window, result)))
 
 
 def mean_nis(window: Window, result: eskf.Run) -> float:
     """Mean NIS of the ranges of a window, outliers cut off; 1 for a true model."""
-    worst = window.settings.gate if window.settings.gate > 0.0 else WORST
-    return float(np.mean(np.minimum(result.residual**2 / result.variance, worst)))
+    return float(np.mean(bounded_nis(window, result)))
+
+
+def part_of(window: Window, rows: NDArray[np.bool_] | slice) -> Window:
+    """The window with some of its ranges."""
+    columns = window.ranges._asdict().items()
+    return replace(window, ranges=RangeTable(**{name: column[rows] for name, column in columns}))
 
 
 def with_memory(window: Window) -> Window:

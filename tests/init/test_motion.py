@@ -11,7 +11,9 @@ from clt.errors import CltError
 from clt.filters import world
 from clt.filters.settings import FilterSettings
 from clt.geometry import wrap
-from clt.init.motion import AGAIN, from_motion
+from clt.init.motion import from_motion
+from clt.init.search import TOO_FEW
+from clt.init.status import AGAIN
 from clt.sim.motion import paths
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
@@ -35,7 +37,7 @@ def error(robot, start):
     return np.append(robot.pose.mean[:2] - start[:2], wrap(robot.pose.mean[2:] - start[2:]))
 
 
-def without(recording, ends):
+def less(recording, ends):
     """The recording without the ranges between two robots."""
     ranges = recording.ranges
     names = np.array(recording.team.names)
@@ -172,7 +174,7 @@ def test_a_robot_that_never_moves_is_named_and_the_rest_is_found():
     recording, starts = simulated(duration=20.0, robots=robots)
     found = from_motion(recording, DEFAULTS)
     assert found.robots["still"].status == "unobservable"
-    assert found.robots["still"].why == "still never moves: its heading cannot be told"
+    assert found.robots["still"].why == "it never moves: no heading can be told"
     assert "still" not in found.start.poses
     for name in set(starts) - {"still"}:
         assert found.robots[name].status == "ok"
@@ -188,20 +190,40 @@ def test_too_few_static_robots(static, why):
     for name in starts:
         assert found.robots[name].status == "unobservable"
         assert found.robots[name].why.startswith(why)
-    assert found.start.poses == {}
+    assert set(found.start.poses) == set(recording.team.names[:static])
 
 
-def test_a_robot_heard_by_one_static_robot():
+def test_a_robot_heard_by_one_static_robot_is_found_with_the_help_of_others():
+    recording, starts = simulated(duration=15.0)
+    found = from_motion(less(recording, {"R2", "R4"}), DEFAULTS)
+    for name, start in starts.items():
+        assert found.robots[name].status == "ok"
+        assert np.abs(error(found.robots[name], start)).max() < 0.2
+
+
+def test_a_robot_heard_by_one_static_robot_alone():
     recording, _ = simulated(duration=10.0)
-    found = from_motion(without(recording, {"R2", "R4"}), DEFAULTS)
-    assert found.robots["R4"].status == "unobservable"
-    assert found.robots["R4"].why == "R4 has no ranges to two static robots"
+    lost = less(less(less(recording, {"R2", "R4"}), {"R3", "R4"}), {"R5", "R4"})
+    found = from_motion(lost, DEFAULTS)
+    assert (found.robots["R4"].status, found.robots["R4"].why) == ("unobservable", TOO_FEW)
     assert found.robots["R3"].status == found.robots["R5"].status == "ok"
+
+
+def test_the_helped_helps_the_next():
+    """R5 hears no static robot; R4 hears one, and R3."""
+    recording, starts = simulated(duration=20.0, team__moving=4)
+    cut = [("R2", "R4"), ("R1", "R5"), ("R2", "R5"), ("R1", "R6")]
+    for ends in cut:
+        recording = less(recording, set(ends))
+    found = from_motion(recording, DEFAULTS)
+    for name, start in starts.items():
+        assert found.robots[name].status == "ok", found.robots[name].why
+        assert np.abs(error(found.robots[name], start)).max() < 0.3
 
 
 def test_unknown_static_robots_that_nothing_ties_together():
     recording, _ = simulated(duration=10.0, team__known=False)
-    found = from_motion(without(recording, {"R1", "R2"}), DEFAULTS)
+    found = from_motion(less(recording, {"R1", "R2"}), DEFAULTS)
     assert found.robots["R3"].status == "unobservable"
     assert found.robots["R3"].why == "too few ranges between the static robots to place R2"
 
@@ -210,14 +232,22 @@ def test_a_robot_without_odometry_is_named():
     recording, _ = simulated(duration=10.0)
     rest = {name: stream for name, stream in recording.odometry.items() if name != "R5"}
     found = from_motion(replace(recording, odometry=rest), DEFAULTS)
-    assert found.robots["R5"].why == "R5 has no odometry"
+    assert found.robots["R5"].why == "no odometry"
     assert found.robots["R3"].status == "ok"
     with pytest.raises(CltError, match="nothing to initialize"):
         from_motion(replace(recording, odometry={}), DEFAULTS)
 
 
-def test_noise_that_is_not_what_it_is_said_to_be_is_told():
+def test_noise_that_is_not_what_it_is_said_to_be_leaves_no_robot_ok():
     recording, _ = simulated("shi-three", duration=40.0)
     settings = FilterSettings(noise={"sigma_range": 0.01}, gate=0.0)
-    assert "contradict each other" in from_motion(recording, settings).notes[0]
-    assert from_motion(recording, DEFAULTS).notes == ()
+    doubtful, calm = from_motion(recording, settings), from_motion(recording, DEFAULTS)
+    robot = doubtful.robots["R3"]
+    assert robot.status == "ambiguous"
+    assert "contradict each other (mean NIS" in robot.why
+    # Ten times too small a sigma, and the covariance is nevertheless that of the ranges.
+    assert np.sqrt(robot.pose.covariance[0, 0]) > 0.3 * np.sqrt(
+        calm.robots["R3"].pose.covariance[0, 0]
+    )
+    assert calm.robots["R3"].status == "ok"
+    assert calm.notes == ()

@@ -59,7 +59,7 @@ def test_known_positions_hold_the_frame() -> None:
 def test_too_few_ranges() -> None:
     found = from_motion(standing({}, lost=((0, 3), (1, 3))), FilterSettings())
     assert [robot.status for robot in found.robots.values()] == ["ok", "ok", "ok", "unobservable"]
-    assert found.robots["R3"].why == "too few ranges to place R3"
+    assert found.robots["R3"].why == "too few ranges to place it"
 
 
 def test_no_ranges() -> None:

@@ -1,0 +1,81 @@
+"""What is known about every robot at the start, and what of it a filter may take."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from clt.init.start import InitialPose, Start
+from clt.streams import WORLD, Floats, Team
+
+Status = Literal["ok", "ambiguous", "unobservable"]
+
+AGAIN = 3.0
+"""The filter that follows sees the same ranges once more. It starts from this many times the
+standard deviation, so that their information counts 1.1 times, not twice."""
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Another pose (x, y, heading) that a robot may have."""
+
+    mean: Floats
+    probability: float
+
+
+@dataclass(frozen=True)
+class RobotStatus:
+    """What is known about one robot at the start."""
+
+    status: Status
+    pose: InitialPose | None
+    """None where not even a guess is possible."""
+    probability: float = 1.0
+    """Of the pose among its alternatives."""
+    why: str = ""
+    alternatives: tuple[Alternative, ...] = ()
+
+
+@dataclass(frozen=True)
+class Initialization:
+    """Where the team starts, and what could not be told."""
+
+    stamp: int
+    """ns; every pose holds at this time."""
+    surveyed: bool
+    """The frame is that of known static positions; else Shi's, built from ranges."""
+    robots: Mapping[str, RobotStatus]
+    """All robots of the team that could take part."""
+    notes: tuple[str, ...] = ()
+    again: float = AGAIN
+    """By how much `start` widens the standard deviations."""
+    frame: str = WORLD
+    """Id of the frame that the poses stand in."""
+
+    @property
+    def start(self) -> Start:
+        """What a filter takes that will see the same ranges again: the robots that are `ok`."""
+        poses = {
+            name: InitialPose(robot.pose.mean, self.again**2 * robot.pose.covariance)
+            for name, robot in self.robots.items()
+            if robot.status == "ok" and robot.pose is not None
+        }
+        return Start(self.stamp, poses, self.frame)
+
+
+def unobservable(why: str) -> RobotStatus:
+    """A robot of which nothing can be told."""
+    return RobotStatus("unobservable", None, why=why)
+
+
+def as_given(start: Start, team: Team, lack: str) -> Initialization:
+    """Poses that somebody else vouches for, from no range of the log; others `lack` them."""
+    robots = {
+        robot.name: RobotStatus("ok", start.poses[robot.name])
+        if robot.name in start.poses
+        else unobservable(f"no {lack}")
+        for robot in team.robots
+        if robot.name in start.poses or not robot.static
+    }
+    return Initialization(start.stamp, True, robots, again=1.0, frame=start.frame)
