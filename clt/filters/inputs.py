@@ -95,18 +95,30 @@ def odometry_gaps(stamp: Stamps) -> NDArray[np.bool_]:
     deviation), within LEAST_GAP to MOST_GAP periods: uneven steps are not gaps.
     """
     step = np.diff(stamp)
-    if step.size == 0:
-        return np.zeros(stamp.size, np.bool_)
+    limit = gap_limit(step) if step.size > 0 else 0.0
+    return np.append(np.zeros(min(stamp.size, 1), np.bool_), step > limit)
+
+
+def gap_limit(step: Stamps) -> float:
+    """Longest of some steps (n,), n > 0, that is no gap, in their unit."""
     period = float(np.median(step))
     spread = 1.4826 * float(np.median(np.abs(step - period)))
-    limit = np.clip(period + 5.0 * spread, LEAST_GAP * period, MOST_GAP * period)
-    return np.append(False, step > limit)
+    return float(np.clip(period + 5.0 * spread, LEAST_GAP * period, MOST_GAP * period))
 
 
 def sample_noise(
     odometry: Odometry, robot: Robot, noise: Noise
 ) -> tuple[Floats, Floats, tuple[str, ...]]:
     """Variances of v and of omega of each sample (n,), and what had to be assumed."""
+    sigma_v, sigma_w, notes = sample_sigma(odometry, robot, noise)
+    v, omega = interval_twist(odometry, robot)
+    return *twist_variance(v, omega, sigma_v, sigma_w, noise), notes
+
+
+def sample_sigma(
+    odometry: Odometry, robot: Robot, noise: Noise
+) -> tuple[Floats, Floats, tuple[str, ...]]:
+    """Standard deviations of v and of omega of each sample (n,), and what had to be assumed."""
     size = odometry.stamp.size
     sigma_v = first_known(noise.sigma_v, odometry.sigma_v, robot.sigma_v, size=size)
     sigma_w = first_known(noise.sigma_omega, odometry.sigma_omega, robot.sigma_omega, size=size)
@@ -120,11 +132,16 @@ def sample_noise(
         notes = (assumed,)
         sigma_v = np.where(np.isnan(sigma_v), DEFAULT_SIGMA_V, sigma_v)
         sigma_w = np.where(np.isnan(sigma_w), DEFAULT_SIGMA_OMEGA, sigma_w)
-    sigma_v, sigma_w = np.maximum(sigma_v, LEAST_SIGMA_V), np.maximum(sigma_w, LEAST_SIGMA_OMEGA)
-    v, omega = interval_twist(odometry, robot)
+    return np.maximum(sigma_v, LEAST_SIGMA_V), np.maximum(sigma_w, LEAST_SIGMA_OMEGA), notes
+
+
+def twist_variance(
+    v: Floats, omega: Floats, sigma_v: Floats, sigma_w: Floats, noise: Noise
+) -> tuple[Floats, Floats]:
+    """Variances of v and of omega of samples (n,): their own noise and that of moving."""
     var_v = sigma_v**2 + (noise.v_per_v * v) ** 2 + (noise.v_per_omega * omega) ** 2
     var_w = sigma_w**2 + (noise.omega_per_v * v) ** 2 + (noise.omega_per_omega * omega) ** 2
-    return var_v, var_w, notes
+    return var_v, var_w
 
 
 def unseen_variance(values: Floats, variance: Floats, lags: Indices) -> Floats:

@@ -15,12 +15,13 @@ from dataclasses import replace
 import numpy as np
 
 from clt.errors import CltError
-from clt.filters.arrivals import Driver, driver, epochs, feed, weighed_on_arrival
+from clt.filters.arrivals import epochs, feed, weighed_on_arrival
+from clt.filters.heard import Driver, driver
 from clt.filters.inputs import RangeTable, correlation_time
 from clt.filters.posterior import Posterior
 from clt.filters.problem import ABSOLUTE, Problem, cast_of, lay_out, tied
 from clt.filters.retrace import UNJUDGED, Replay, all_blocks, solve
-from clt.filters.settings import FilterSettings
+from clt.filters.settings import FilterSettings, Noise
 from clt.filters.space import WORLD, View
 from clt.filters.world import SHI, Estimator, posterior_of
 from clt.init.start import Start
@@ -36,7 +37,10 @@ def replay(
     be estimated.
     """
     problem = lay_out(recording, start, settings, estimator.view)
-    drivers, lag = drivers_of(recording, problem), round(settings.received.lag * 1e9)
+    drivers, lag = (
+        drivers_of(recording, problem, settings.noise),
+        round(settings.received.lag * 1e9),
+    )
     heard = [own.feed for own in drivers if own is not None]
     end = int(np.clip(max(own.arrival[-1] for own in heard), problem.end, problem.end + lag))
     if end <= problem.start:
@@ -72,11 +76,13 @@ def dead_reckon(
     return dict(replay(alone, start, settings, Estimator("ekf", view)).poses)
 
 
-def drivers_of(recording: Recording, problem: Problem) -> tuple[Driver | None, ...]:
+def drivers_of(recording: Recording, problem: Problem, noise: Noise) -> tuple[Driver | None, ...]:
     """The odometry of a problem's drivers; None for one that stands."""
     robots = {robot.name: robot for robot in recording.team.robots}
     return tuple(
-        driver(recording.odometry[name], robots[name]) if name in recording.odometry else None
+        driver(recording.odometry[name], robots[name], noise, problem.start)
+        if name in recording.odometry
+        else None
         for name in problem.drivers
     )
 

@@ -12,7 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from clt.filters.arrivals import Driver, Feed, changed_since, known_segments, rows_after
+from clt.filters.arrivals import Feed
+from clt.filters.heard import Driver, changed_since, known_segments, rows_after
 from clt.filters.inputs import Outputs, RangeTable, Segments, join_segments, standing
 from clt.filters.problem import Problem
 from clt.filters.settings import FilterSettings, Noise
