@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clt.filters import world
+from clt.filters import received, world
 from clt.filters.posterior import Posterior
 from clt.filters.settings import FilterSettings
 from clt.filters.world import SHI, Estimator
@@ -25,11 +25,23 @@ class Result:
 
 
 def estimate(
-    recording: Recording, start: Start, settings: FilterSettings, estimator: Estimator = SHI
+    recording: Recording,
+    start: Start,
+    settings: FilterSettings,
+    estimator: Estimator = SHI,
+    *,
+    as_received: bool = False,
 ) -> Result:
-    """Filter a recording from a start. Raises CltError where nothing can be estimated."""
-    posterior = world.localize(recording, start, settings, estimator)
-    baseline = world.dead_reckon(recording, start, settings, estimator.view)
+    """Filter a recording from a start, by stamp or in the order in which its messages arrived.
+
+    Raises CltError where nothing can be estimated.
+    """
+    if as_received:
+        posterior = received.replay(recording, start, settings, estimator)
+        baseline = received.dead_reckon(recording, start, settings, estimator.view)
+    else:
+        posterior = world.localize(recording, start, settings, estimator)
+        baseline = world.dead_reckon(recording, start, settings, estimator.view)
     moving = set(recording.odometry) if estimator.view.kind == "world" else set(baseline)
     result = replace(
         recording,

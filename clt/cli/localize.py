@@ -62,6 +62,12 @@ def localize(
     streams: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Roles of a foreign log's topics (TOML).")
     ] = None,
+    as_received: Annotated[
+        bool,
+        typer.Option(
+            "--as-received", help="Replay what was known when, instead of sorting by stamp."
+        ),
+    ] = False,
     scene: Annotated[bool, typer.Option(help="Add /tf and /clt/scene for 3D viewers.")] = True,
     force: Force = False,
     as_json: Json = False,
@@ -112,7 +118,7 @@ def localize(
     for line in advise(recording, start.poses, frame):
         console.warn(line)
     clock.append(perf_counter())
-    result = run_filter(recording, start, settings, estimator, console)
+    result = run_filter(recording, start, settings, estimator, as_received, console)
     clock.append(perf_counter())
 
     timings = {
@@ -122,6 +128,7 @@ def localize(
         )
     }
     choices = {"filter": estimator.filter, "frame": frame, "engine": engine, "init": init}
+    choices["order"] = "as received" if as_received else "by stamp"
     digests = inputs.digests({str(log): loaded.sha256})
     run = describe(digests, choices, settings, result, timings, console)
     with inputs.output(output, force) as file:
@@ -215,6 +222,7 @@ def run_filter(
     start: Start,
     settings: FilterSettings,
     estimator: Estimator,
+    as_received: bool,
     console: Console,
 ) -> Result:
     """Filter, and say what went wrong."""
@@ -223,7 +231,7 @@ def run_filter(
     from clt.pipeline import estimate
 
     with announced(console):
-        result = estimate(recording, start, settings, estimator)
+        result = estimate(recording, start, settings, estimator, as_received=as_received)
     for line in result.posterior.remarks:
         console.say(line)
     for line in result.posterior.warnings:

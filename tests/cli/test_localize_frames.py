@@ -122,3 +122,19 @@ def test_what_does_not_exist_is_refused_in_one_line(clt, words, told):
     lines = [line for line in err.splitlines() if not line.startswith("compiling")]
     assert (code, out, len(lines)) == (2, "", 1)
     assert told in lines[0]
+
+
+def test_what_was_known_when_is_another_answer_than_what_the_log_holds(clt, folder):
+    delays = ("--set", "network.delay_mean=0.1", "--set", "network.delay_sd=0.05")
+    words = ("simulate", "shi-sim", "--duration", "4", "-q", "--force", "-o", "late.mcap", *delays)
+    assert clt(*words)[0] == 0
+    common = ("late.mcap", "-o", "order.mcap", "--force", "--init", "truth", "-q", "--json")
+    found = {}
+    for order, option in (("by stamp", ()), ("as received", ("--as-received",))):
+        code, out, _ = clt("localize", *common, *option)
+        assert code == 0
+        assert json.loads(out)["order"] == order
+        found[order] = scores(clt, "order.mcap")["team"]["estimate"]["ape"]["rmse"]
+        if option:
+            assert set(load(folder / "order.mcap").recording.dead_reckoning) == {"R3", "R4", "R5"}
+    assert found["by stamp"] < found["as received"] < 0.5
