@@ -11,6 +11,7 @@ from clt.cli.options import Force, Json, Log, Quiet, Set, Verbose
 
 if TYPE_CHECKING:
     from clt.init.status import Initialization, RobotStatus
+    from clt.streams import Floats
 
 HEADER = """\
 # Initial poses by `clt init --method {method}`, for `clt localize --init FILE` on the same log.
@@ -121,10 +122,13 @@ def document(method: str, found: Initialization) -> dict[str, Any]:
 
 
 def show(found: Initialization) -> None:
-    """A line per robot on standard output."""
+    """A line per robot on standard output, and one per alternative of those that are not ok."""
     print(f"{'robot':<8} {'x, m':>9} {'y, m':>9} {'heading':>10}  sigma (m, m, deg)    status")
     for name, robot in found.robots.items():
         print(f"{name:<8} {numbers(robot)}  {robot.status}")
+        if robot.status != "ok":
+            for other in robot.alternatives:
+                print(f"{'  or':<8} {columns(other.mean)}  probability {other.probability:.2f}")
 
 
 def numbers(robot: RobotStatus) -> str:
@@ -133,10 +137,17 @@ def numbers(robot: RobotStatus) -> str:
 
     if robot.pose is None:
         return f"{'-':>9} {'-':>9} {'-':>10}  {'-':<19}"
-    x, y, heading = (float(value) for value in robot.pose.mean)
     s_x, s_y, s_heading = (float(v) for v in robot.pose.covariance.diagonal().clip(0.0) ** 0.5)
     sigma = f"{s_x:.3f}, {s_y:.3f}, {degrees(s_heading):.2f}"
-    return f"{x:9.3f} {y:9.3f} {degrees(heading):6.1f} deg  {sigma:<19}"
+    return f"{columns(robot.pose.mean)}  {sigma:<19}"
+
+
+def columns(pose: Floats) -> str:
+    """x, y and heading of a pose (3,)."""
+    from math import degrees
+
+    x, y, heading = (float(value) for value in pose)
+    return f"{x:9.3f} {y:9.3f} {degrees(heading):6.1f} deg"
 
 
 def poses_toml(method: str, found: Initialization) -> str:

@@ -25,15 +25,12 @@ def ambiguous(name: str, verdict: Verdict, frames: tuple[Frame, ...]) -> RobotSt
     """A robot of which several poses remain possible."""
     shares = verdict.shares[name]
     best, probability = shares[0]
-    told = " or ".join(
-        f"({c.pose.mean[0]:.2f} m, {c.pose.mean[1]:.2f} m, {float(wrap(c.pose.mean[2:])[0]):.2f} "
-        f"rad) with probability {p:.2f}"
-        for c, p in shares[:3]
-    )
-    what = "several poses explain its ranges; let it drive on in curves"
+    what = f"{len(shares)} poses explain its ranges (the best with probability {probability:.2f}); "
+    what += "let it drive on in curves"
     if all(mirror_images(best.pose, other.pose, frames[best.frame]) for other, _ in shares[1:]):
-        what = "mirror images, which only turning tells apart; let it turn"
-    why = f"may start at {told}: {what}, or give its pose in a TOML file (--init FILE)"
+        what = f"this pose (with probability {probability:.2f}) or its mirror image, which only "
+        what += "turning tells apart; let it turn"
+    why = f"{what}, or give its pose in a TOML file (--init FILE)"
     return RobotStatus("ambiguous", pose_of(best.pose), probability, why, others(shares))
 
 

@@ -136,6 +136,44 @@ def test_a_log_that_cannot_be_initialized(clt):
     assert "--init FILE" in err.splitlines()[-1]
 
 
+def test_a_reason_that_several_robots_share_is_told_once(clt):
+    clt("simulate", "shi-five", "--duration", "7", "-o", "straight.mcap")
+    code, out, err = clt("init", "straight.mcap")
+    assert code == 3
+    told = [line for line in err.splitlines() if "(ambiguous)" in line]
+    assert len(told) == 1
+    assert told[0].startswith("clt: warning: R3, R4, R5 (ambiguous): ")
+    assert "its mirror image" in told[0]
+    assert "--init FILE" in told[0]
+    lines = [line.split() for line in out.splitlines()]
+    assert [line[0] for line in lines] == ["robot", "R1", "R2", "R3", "or", "R4", "or", "R5", "or"]
+    for robot, other in zip(lines[3::2], lines[4::2], strict=True):
+        assert float(other[2]) == pytest.approx(-float(robot[2]), abs=0.05)
+
+
+def test_static_robots_and_one_that_never_moves_are_told_where_they_stand(clt, tmp_path):
+    recording = load(tmp_path / "in.mcap").recording
+    still = {name: replace(stream, v=0.0 * stream.v, omega=0.0 * stream.omega)
+             for name, stream in recording.odometry.items()}  # fmt: skip
+    rows = recording.ranges.stamp < recording.ranges.stamp[0] + 4_000_000_000
+    ranges = type(recording.ranges)(
+        **{key: column[rows] for key, column in vars(recording.ranges).items()}
+    )
+    write(tmp_path / "rest.mcap", replace(recording, ranges=ranges, odometry=still))
+    code, out, _ = clt("init", "rest.mcap", "--json")
+    robots = json.loads(out)["robots"]
+    assert code == 3
+    assert robots["R1"]["status"] == robots["R2"]["status"] == "ok"
+    assert robots["R2"]["x"] == pytest.approx(4.0, abs=0.02)
+    assert 0.0 < robots["R2"]["covariance"][0][0] < 0.02**2
+    for name in ("R3", "R4", "R5"):
+        assert robots[name]["status"] == "unobservable"
+        assert robots[name]["why"] == "it never moves: no heading can be told"
+        assert robots[name]["covariance"][2][2] == pytest.approx(np.pi**2)
+        assert len(robots[name]["alternatives"]) == 1
+        assert robots[name]["alternatives"][0]["y"] == pytest.approx(-robots[name]["y"])
+
+
 def test_a_recorded_start_comes_first(clt, tmp_path):
     recording = load(tmp_path / "in.mcap").recording
     pose = {"x": 1.0, "y": 2.0, "heading": 0.5, "covariance": np.eye(3).tolist(),

@@ -180,6 +180,17 @@ def test_a_robot_that_never_moves_is_named_and_the_rest_is_found():
         assert found.robots[name].status == "ok"
 
 
+def test_who_never_moves_is_placed_on_the_side_that_others_tell():
+    robots = [{"name": "still", "trajectory": {"kind": "stand"}}]
+    area = [0.0, -5.0, 4.0, 0.0]
+    recording, starts = simulated("shi-five", duration=30.0, robots=robots, team__area=area)
+    found = from_motion(recording, DEFAULTS).robots["still"]
+    assert found.status == "unobservable"
+    assert found.alternatives == ()
+    assert np.abs(found.pose.mean[:2] - starts["still"][:2]).max() < 0.05
+    assert found.pose.covariance[2, 2] == pytest.approx(np.pi**2)
+
+
 @pytest.mark.parametrize(
     ("static", "why"),
     [(1, "only one static robot, R1: the whole team may turn"), (0, "no static robot: the whole")],
