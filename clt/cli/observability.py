@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from clt.streams import Recording
 
 FORMS = (".png", ".svg", ".pdf")
-MOST = 1000
+MOST = 200
 WANTED = frozenset(
     {"odometry", "ranges", "frames", "truth", "estimate", "dead_reckoning", "innovations"}
 )
@@ -163,18 +163,31 @@ def described(told: dict[str, int | None], frame: str, conditions: dict[str, str
         option: named(option, text, everyone if option == "--in-line" else movers)
         for option, text in conditions.items()
     }
-    motions = dict.fromkeys(chosen["--straight"], Motion.STRAIGHT)
-    motions |= dict.fromkeys(chosen["--steady"], Motion.STEADY)
-    motions |= dict.fromkeys(chosen["--at-rest"], Motion.REST)
+    for option in ("--parallel", "--in-line"):
+        if len(chosen[option]) == 1:
+            raise UsageError(f"{option} {conditions[option]}: takes two robots at least")
+    motions: dict[str, Motion] = {}
+    for option, motion in (
+        ("--straight", Motion.STRAIGHT),
+        ("--steady", Motion.STEADY),
+        ("--at-rest", Motion.REST),
+    ):
+        twice = [one for one in chosen[option] if one in motions]
+        if len(twice) > 0:
+            raise UsageError(f"{option}: {twice[0]} is already said to move in another way")
+        motions |= dict.fromkeys(chosen[option], motion)
     nodes = tuple(replace(node, motion=motions.get(node.name, Motion.FREE)) for node in nodes)
     place = {node.name: k for k, node in enumerate(nodes)}
-    return Setup(
+    setup = Setup(
         nodes,
         every_pair(len(nodes)),
         frozenset(place[one] for one in chosen["--parallel"]),
         frozenset(place[one] for one in chosen["--in-line"]),
         None if name is None else place[name],
     )
+    if len(setup.columns) == 0:
+        raise UsageError("no pose is unknown: nothing to ask; add robots with --moving or --static")
+    return setup
 
 
 def named(option: str, text: str, known: list[str]) -> list[str]:
@@ -213,16 +226,20 @@ def read(
 ) -> Recording:
     """Read a log once it is clear that its picture can be written."""
     from clt.cli.localize import with_ranges
-    from clt.errors import UsageError
+    from clt.errors import CltError, UsageError
     from clt.log.load import load
     from clt.log.output import STDOUT
+    from clt.observability.reference import measured
 
     if output is not None and output != STDOUT and output.suffix.lower() not in FORMS:
         raise UsageError(f"{output}: unknown kind of picture; use {', '.join(FORMS)}")
     inputs.check(output, force)
     recording = load(log, inputs["streams"], WANTED).recording
     console.report(recording.faults)
-    return with_ranges(recording, console)
+    recording = with_ranges(recording, console)
+    if measured(recording).stamp.size == 0:
+        raise CltError(f"{log}: neither ranges nor UWB frames: nothing to analyse")
+    return recording
 
 
 def along(

@@ -6,9 +6,10 @@ from collections.abc import Collection
 
 import numpy as np
 
+from clt.errors import CltError
 from clt.observability.analysis import Analysis, analyse
 from clt.observability.codistribution import Motion
-from clt.observability.reference import measured
+from clt.observability.reference import has_motion, measured
 from clt.observability.setup import Node, Setup
 from clt.streams import Floats, Indices, Odometry, Ranges, Recording
 
@@ -47,15 +48,16 @@ def offers(found: Analysis) -> str:
 def setup_of(recording: Recording, placed: Collection[str] = (), frame: str = "world") -> Setup:
     """The setup that a recording holds: who ranged whom, who moved and turned at all.
 
-    Without any static robot of known position the world is what the first two of them span.
+    Without any static robot of known position the world is what the first two of them span. A
+    robot of which nothing tells how it moved is left out. Raises CltError where
+    that is the one in whose frame poses are asked for.
     """
     kind, _, names = frame.partition(":")
     chosen = names.split(",") if kind == "mutual" else list(recording.team.names)
     nodes: list[Node] = []
     place: dict[int, int] = {}
     for k, robot in enumerate(recording.team.robots):
-        moves = robot.name in recording.odometry or robot.name in recording.estimate
-        if robot.name not in chosen or not (robot.static or moves):
+        if robot.name not in chosen or not (robot.static or has_motion(recording, robot)):
             continue
         known = robot.static and (robot.position is not None or robot.name in placed)
         place[k] = len(nodes)
@@ -65,7 +67,10 @@ def setup_of(recording: Recording, placed: Collection[str] = (), frame: str = "w
     pairs = tuple((place[int(a)], place[int(b)]) for a, b in met if a in place and b in place)
     ego = None
     if kind != "world":
-        ego = [node.name for node in nodes].index(names.split(",")[0])
+        first = names.split(",")[0]
+        ego = next((k for k, node in enumerate(nodes) if node.name == first), None)
+        if ego is None:
+            raise CltError(f"neither odometry nor an estimate of {first}: no poses in its frame")
     framed = kind == "world" and not any(node.known for node in nodes)
     framed = framed and sum(node.static for node in nodes) >= 2
     return Setup(tuple(nodes), pairs, ego=ego, framed=framed)

@@ -96,13 +96,17 @@ def _of_group(setup: Setup, state: Sequence[Place], group: frozenset[int], *, wh
 
 
 def _of_one(setup: Setup, state: Sequence[Place], k: int) -> Iterator[Image]:
-    """One robot at the line through two it ranges with, or at one's path."""
+    """One robot at the line through its first two partners, or at one's path.
+
+    Of more partners the others stand on that line as well, or exclude every image.
+    """
     name, only = setup.nodes[k].name, frozenset([k])
     partners = sorted({b if a == k else a for a, b in setup.pairs if k in {a, b}})
-    for first, a in enumerate(partners):
-        for b in partners[first + 1 :]:
-            line = f"the line through {setup.nodes[a].name} and {setup.nodes[b].name}"
-            yield Image(f"mirror image of {name} at {line}", only, at_line(state, only, a, b))
+    if len(partners) >= 2:
+        a, b = partners[:2]
+        line = f"the line through {setup.nodes[a].name} and {setup.nodes[b].name}"
+        yield Image(f"mirror image of {name} at {line}", only, at_line(state, only, a, b))
+    for a in partners:
         if not setup.nodes[a].static:
             text = f"mirror image of {name} at the path of {setup.nodes[a].name}"
             yield Image(text, only, at_path(state, only, a))

@@ -12,6 +12,7 @@ from clt.filters.inputs import (
     DEFAULT_SIGMA_OMEGA,
     DEFAULT_SIGMA_V,
     RangeTable,
+    first_known,
     range_table,
     robot_segments,
 )
@@ -66,9 +67,12 @@ def reference_of(recording: Recording, noise: Noise, dt: float) -> Reference:
         for robot in team.robots
         if robot.name in tracks or (robot.name in places and robot.name not in known)
     )
-    missing = [r.name for r in team.robots if r not in state and r.name not in known]
+    still = [r.name for r in team.moving if not has_motion(recording, r)]
+    if len(still) > 0:
+        notes.append(f"no odometry of {', '.join(still)}: left out of rank and windows")
+    missing = [r.name for r in team.robots if r not in state and r.name not in [*known, *still]]
     if len(missing) > 0:
-        notes.append(f"no {source} of {', '.join(missing)}: left out of the analysis")
+        notes.append(f"no {source.replace('_', ' ')} of {', '.join(missing)}: left out of windows")
     begin = max(int(track.stamp[0]) for track in tracks.values())
     end = min(int(track.stamp[-1]) for track in tracks.values())
     steps = int((end - begin) * 1e-9 / dt + 1e-6)
@@ -92,6 +96,11 @@ def reference_of(recording: Recording, noise: Noise, dt: float) -> Reference:
     return Reference(source, state, known, begin, dt, pose, spread, table, ends, (*notes, *assumed))
 
 
+def has_motion(recording: Recording, robot: Robot) -> bool:
+    """Whether odometry, or an estimate made from it, tells how a robot moved."""
+    return robot.name in recording.odometry or robot.name in recording.estimate
+
+
 def trajectories(recording: Recording) -> tuple[str, dict[str, Poses]]:
     """The first of estimate, truth and dead reckoning that knows the most moving robots."""
     best: tuple[str, dict[str, Poses]] = ("", {})
@@ -100,10 +109,14 @@ def trajectories(recording: Recording) -> tuple[str, dict[str, Poses]]:
         usable = {
             robot.name: streams[robot.name]
             for robot in recording.team.moving
-            if robot.name in streams and _usable(streams[robot.name])
+            if has_motion(recording, robot)
+            and robot.name in streams
+            and _usable(streams[robot.name])
         }
         if len(usable) > len(best[1]):
             best = source, usable
+    if not any(has_motion(recording, robot) for robot in recording.team.moving):
+        raise CltError("neither odometry nor an estimate of any moving robot: nothing to analyse")
     if len(best[1]) == 0:
         raise CltError(
             "no trajectory with headings in a common frame to analyse the log at (estimate, ground "
@@ -158,18 +171,21 @@ def _noise(
         row = np.minimum(np.searchsorted(parts.end, edges[1:]), parts.end.size - 1)
         rate = np.stack([parts.var_v, parts.var_omega], axis=1) * parts.interval[:, None]
         return rate[row] * dt, list(said)
-    told = zip(
-        (noise.sigma_v, noise.sigma_omega),
-        (robot.sigma_v, robot.sigma_omega),
-        (DEFAULT_SIGMA_V, DEFAULT_SIGMA_OMEGA),
-        strict=True,
+    sigma = np.concatenate(
+        [
+            first_known(noise.sigma_v, robot.sigma_v, size=1),
+            first_known(noise.sigma_omega, robot.sigma_omega, size=1),
+        ]
     )
-    sigma = [
-        default if np.isnan(own) else own if given is None else given
-        for given, own, default in told
-    ]
+    assumed: list[str] = []
+    if np.isnan(sigma).any():
+        assumed.append(
+            f"the log does not tell the odometry noise of {robot.name}: assumed {DEFAULT_SIGMA_V} "
+            f"m/s and {DEFAULT_SIGMA_OMEGA} rad/s; set noise.sigma_v and noise.sigma_omega"
+        )
+        sigma = np.where(np.isnan(sigma), [DEFAULT_SIGMA_V, DEFAULT_SIGMA_OMEGA], sigma)
     interval = max(period(track.stamp) * 1e-9, LEAST_PERIOD)
-    return np.square(sigma) * interval * dt, []
+    return np.square(sigma) * interval * dt, assumed
 
 
 def measured(recording: Recording) -> Ranges:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clt.errors import UsageError
+from clt.errors import CltError, UsageError
 from clt.geometry import wrap
 from clt.observability.gramian import columns_of, windows
 from clt.observability.reference import Reference
@@ -66,7 +66,7 @@ def sliding(reference: Reference, window: float) -> tuple[Indices, int]:
     if not window >= reference.dt:
         raise UsageError(f"--window {window:g}: at least {reference.dt:g} s")
     steps = reference.noise.shape[1]
-    length = min(steps, max(1, round(window / reference.dt)))
+    length = min(steps, max(1, round(min(window / reference.dt, steps))))
     stride = max(1, length // PER_WINDOW)
     return np.arange((steps - length) % stride, steps - length + 1, stride), length
 
@@ -79,7 +79,9 @@ def look(reference: Reference, window: float, *, framed: bool, ego: str | None =
     ids = [k for k, robot in enumerate(reference.robots) if robot.name != ego]
     pose = reference.pose[:, start + length].transpose(1, 0, 2)
     if ego is not None:
-        centre = [robot.name for robot in reference.robots].index(ego)
+        centre = next((k for k, one in enumerate(reference.robots) if one.name == ego), None)
+        if centre is None:
+            raise CltError(f"no {reference.source} of {ego}: no windows in its frame")
         Y, pose = relative(reference, Y, pose, centre)
         owner = owner[owner != centre]
     heading = np.array([not robot.static for robot in reference.robots])

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 from typer.testing import CliRunner, Result
@@ -9,6 +10,7 @@ from clt.cli.app import app
 from clt.log.save import save
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
+from clt.streams import no_ranges
 
 
 def clt(*words: object) -> Result:
@@ -96,6 +98,10 @@ def test_people_are_told_directions_images_and_remedies():
         (("--moving", 2, "--frame", "moon"), "--frame moon"),
         (("--moving", 2, "--static", 1, "--known", 1, "--frame", "ego"), "--known"),
         (("--static", 2, "--frame", "ego"), "no robot moves"),
+        (("--moving", 0), "no pose is unknown"),
+        (("--moving", 1, "--frame", "ego"), "no pose is unknown"),
+        (("--moving", 3, "--parallel", "R2"), "two robots at least"),
+        (("--moving", 3, "--steady", "all", "--at-rest", "R2"), "--at-rest: R2"),
         (("--moving", 1, "-o", "x.png"), "-o"),
         (("--moving", 1, "--set", "noise.sigma_range=0.1"), "--set"),
     ],
@@ -158,6 +164,18 @@ def test_refusals_for_logs(log, tmp_path):
     taken.write_text("mine")
     assert clt(log, "-o", taken).exit_code != 0
     assert taken.read_text() == "mine"
+
+
+def test_a_log_without_ranges_is_refused_in_one_line(tmp_path):
+    path = tmp_path / "silent.mcap"
+    recording = simulate(load_scenario("shi-sim", {"duration": 2.0}))
+    with path.open("wb") as file:
+        save(file, replace(recording, ranges=no_ranges()), {})
+    result = clt(path)
+    assert (result.exit_code, result.stdout) == (1, "")
+    assert (
+        result.stderr == f"clt: error: {path}: neither ranges nor UWB frames: nothing to analyse\n"
+    )
 
 
 def test_packets_are_ranged_first(tmp_path, monkeypatch):

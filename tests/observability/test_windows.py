@@ -14,6 +14,7 @@ from clt.filters import world
 from clt.filters.settings import FilterSettings, Noise
 from clt.geometry import wrap
 from clt.init.truth import from_truth
+from clt.observability.advice import setup_of
 from clt.observability.gramian import columns_of, windows
 from clt.observability.reference import reference_of
 from clt.observability.windows import STEP, as_list, look, sliding
@@ -249,6 +250,22 @@ def test_a_robot_without_a_trajectory_is_left_out_and_named():
     assert any("R4" in note for note in reference.notes)
 
 
+def test_a_robot_of_unknown_motion_is_left_out_of_rank_and_windows_and_named():
+    recording = simulate(scenario(duration=4.0))
+    odometry = {name: twist for name, twist in recording.odometry.items() if name != "R4"}
+    partly = replace(recording, odometry=odometry)
+    reference = reference_of(partly, Noise(), STEP)
+    assert [robot.name for robot in reference.robots] == ["R3"]
+    assert reference.notes == ("no odometry of R4: left out of rank and windows",)
+    assert [node.name for node in setup_of(partly).nodes] == ["R1", "R2", "R3"]
+    with pytest.raises(CltError, match="neither odometry nor an estimate of R4"):
+        setup_of(partly, frame="ego:R4")
+    with pytest.raises(CltError, match="no windows in its frame"):
+        look(reference, 2.0, framed=False, ego="R4")
+    with pytest.raises(CltError, match="any moving robot"):
+        reference_of(replace(recording, odometry={}), Noise(), STEP)
+
+
 def test_windows_cover_the_log_to_its_end():
     reference = reference_of(simulate(scenario(duration=21.0)), Noise(), STEP)
     start, length = sliding(reference, 5.0)
@@ -256,6 +273,7 @@ def test_windows_cover_the_log_to_its_end():
     assert start[-1] + length == reference.noise.shape[1]
     assert start[0] < length
     assert sliding(reference, 1e6)[0].tolist() == [0]
+    assert sliding(reference, float("inf"))[0].tolist() == [0]
     with pytest.raises(UsageError, match="--window"):
         sliding(reference, 0.0)
     with pytest.raises(UsageError, match="--window"):
