@@ -71,6 +71,19 @@ class Mixture(Settings):
     """Hypotheses kept; four times as many have room while they are split."""
 
 
+class Pf(Settings):
+    """The particle filters."""
+
+    kind: Literal["auto", "sir", "gaussian"] = "auto"
+    """Points, or narrow Gaussians with a Kalman filter each; auto: points for up to two poses."""
+    particles: int = Field(default=5000, ge=1, le=1_000_000)
+    """Points."""
+    gaussians: int = Field(default=200, ge=1, le=10_000)
+    """Narrow Gaussians."""
+    seed: int = Field(default=1, ge=0)
+    """Of all that is drawn at random."""
+
+
 class FilterSettings(Settings):
     """All keys of `clt localize`."""
 
@@ -89,3 +102,4 @@ class FilterSettings(Settings):
     were rejected over this many seconds."""
     received: Received = Received()
     mixture: Mixture = Mixture()
+    pf: Pf = Pf()
