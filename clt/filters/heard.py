@@ -14,6 +14,7 @@ from clt.filters.arrivals import MOST_STEP, Feed, feed
 from clt.filters.inputs import (
     GAP_CORRELATION,
     Segments,
+    change,
     gap_limit,
     interval_twist,
     sample_sigma,
@@ -84,9 +85,10 @@ def habit(
 ) -> Habit:
     """How some samples, at least one, come and vary. A single one is taken to begin at `start`.
 
-    A twist that is held for m periods T after the last sample is off by what it changes over so
-    long and by that sample's own error, which adds to what it did already: (1 + m)^2 - 1 periods^2
-    of it, half a variance more than in a gap. V(t) = var(t) min(t, 1 s) t.
+    A twist w that is held after a sample is off by how it changes since and by that sample's error
+    of variance n, which adds to what it did over the sample's own period T. The integral over t is
+    off by V(t) = int r D(r) dr + n ((t + T)^2 - T^2), from D(r) = E (w(r) - w(0))^2 alone, as
+    E (w(s) - w(0))(w(u) - w(0)) = (D(s) + D(u) - D(|s - u|)) / 2, integrated over s and u.
     """
     stamp = odometry.stamp
     step = np.diff(stamp)
@@ -96,15 +98,14 @@ def habit(
         period = int(stamp[0]) - start if stamp[0] > start else MOST_STEP
         limit = np.inf
     v, omega = interval_twist(odometry, robot)
-    seconds = LAGS * (period * 1e-9)
+    t = LAGS * (period * 1e-9)
     gap, growth = [], []
     variances = twist_variance(v, omega, *sigma, noise)
     for values, variance in zip((v, omega), variances, strict=True):
-        unseen = unseen_variance(values, variance, LAGS)
-        held = unseen + 0.5 * float(np.mean(variance))
-        V = np.maximum.accumulate(held * np.minimum(seconds, GAP_CORRELATION) * seconds)
-        gap.append(unseen)
-        growth.append(np.diff(V, prepend=0.0) / np.diff(seconds, prepend=0.0))
+        n = float(np.mean(variance))
+        gap.append(unseen_variance(values, variance, LAGS))
+        rate = np.append(0.0, t * change(values, n, LAGS))
+        growth.append(0.5 * (rate[1:] + rate[:-1]) + n * (t + np.append(0.0, t[:-1]) + 2.0 * t[0]))
     return Habit(period, limit, (gap[0], gap[1]), (growth[0], growth[1]))
 
 

@@ -147,16 +147,24 @@ def twist_variance(
 def unseen_variance(values: Floats, variance: Floats, lags: Indices) -> Floats:
     """Variance of a twist that was not measured for `lags` periods, one per gap.
 
-    Half of how much the measured values change over so long (their structure function), less the
-    noise in it; beyond the log's length, how much they vary at all. To this comes the noise of
-    the two neighbours' mean, which adds to the neighbours' own: of m periods (1 + m / 2)^2 each.
+    Half of how much the twist changes over so long; to this comes the noise of the two neighbours'
+    mean, which adds to the neighbours' own: of m periods (1 + m / 2)^2 each.
     """
     noise = float(np.mean(variance))
-    result = np.full(lags.size, float(np.var(values)))
+    return 0.5 * change(values, noise, lags) + noise * (0.5 + 2.0 / lags)
+
+
+def change(values: Floats, noise: float, lags: Indices) -> Floats:
+    """Structure function D(l) = E (w(t + l) - w(t))^2 of a twist over `lags` periods, (L,).
+
+    From measured values (n,) with white noise of variance `noise`; beyond n periods twice their
+    variance.
+    """
+    result = np.full(lags.size, 2.0 * float(np.var(values)))
     for lag in np.unique(lags[lags < values.size]):
-        change = float(np.mean((values[lag:] - values[:-lag]) ** 2))
-        result[lags == lag] = 0.5 * max(change - 2.0 * noise, 0.0)
-    return result + noise * (0.5 + 2.0 / lags)
+        measured = float(np.mean((values[lag:] - values[:-lag]) ** 2))
+        result[lags == lag] = max(measured - 2.0 * noise, 0.0)
+    return result
 
 
 def robot_segments(

@@ -16,6 +16,7 @@ import numpy as np
 
 from clt.errors import CltError
 from clt.filters.arrivals import epochs, feed, weighed_on_arrival
+from clt.filters.gaussian import solve_ekf
 from clt.filters.heard import Driver, driver
 from clt.filters.inputs import RangeTable, correlation_time
 from clt.filters.posterior import Posterior
@@ -23,9 +24,9 @@ from clt.filters.problem import ABSOLUTE, Problem, cast_of, lay_out, tied
 from clt.filters.retrace import UNJUDGED, Replay, all_blocks, solve
 from clt.filters.settings import FilterSettings, Noise
 from clt.filters.space import WORLD, View
-from clt.filters.world import SHI, Estimator, posterior_of
+from clt.filters.world import SHI, Estimator, posterior_of, trajectories
 from clt.init.start import Start
-from clt.streams import Poses, Recording, Stamps, no_ranges
+from clt.streams import Poses, Recording, Stamps
 
 
 def replay(
@@ -36,31 +37,14 @@ def replay(
     Innovations are those of each range when it was first fused. Raises CltError where nothing can
     be estimated.
     """
-    problem = lay_out(recording, start, settings, estimator.view)
-    drivers, lag = (
-        drivers_of(recording, problem, settings.noise),
-        round(settings.received.lag * 1e9),
-    )
-    heard = [own.feed for own in drivers if own is not None]
-    end = int(np.clip(max(own.arrival[-1] for own in heard), problem.end, problem.end + lag))
-    if end <= problem.start:
-        raise CltError("no odometry comes after the initial poses: there is nothing to replay")
-    table, log_time, late = in_time(recording, start, settings, estimator.view, end)
-    case = Replay(
-        replace(problem, ranges=table),
-        drivers,
-        feed(table.stamp, log_time),
-        epochs(heard[0].arrival, problem.start, end),
-        settings.noise,
-        lag,
-    )
-    solution = solve(case, with_jacobians(settings, recording, start, problem), estimator.run)
+    case, late = lay_out_arrivals(recording, start, settings, estimator.view)
+    settings = with_jacobians(settings, recording, start, case.problem)
+    solution = solve(case, settings, estimator.run)
     judged = solution.verdict != UNJUDGED
     problem = replace(
-        problem,
-        ranges=RangeTable._make(column[judged] for column in table),
-        outputs=all_blocks(len(problem.robots), case.epochs),
-        notes=(*problem.notes, *doubts(case, late)),
+        with_outputs(case),
+        ranges=RangeTable._make(column[judged] for column in case.problem.ranges),
+        notes=(*case.problem.notes, *doubts(case, late)),
     )
     columns = {
         name: getattr(solution, name)[judged] for name in ("residual", "variance", "verdict")
@@ -72,8 +56,37 @@ def dead_reckon(
     recording: Recording, start: Start, settings: FilterSettings, view: View = ABSOLUTE
 ) -> dict[str, Poses]:
     """Odometry alone, as far as it had arrived by each epoch: the baseline of a replay."""
-    alone = replace(recording, ranges=no_ranges())
-    return dict(replay(alone, start, settings, Estimator("ekf", view)).poses)
+    case, _ = lay_out_arrivals(recording, start, settings, view)
+    none = RangeTable._make(column[:0] for column in case.problem.ranges)
+    nothing = feed(none.stamp, none.stamp)
+    alone = replace(case, problem=replace(case.problem, ranges=none), ranges=nothing)
+    return trajectories(with_outputs(alone), solve(alone, settings, solve_ekf))
+
+
+def lay_out_arrivals(
+    recording: Recording, start: Start, settings: FilterSettings, view: View
+) -> tuple[Replay, int]:
+    """The replay of a recording, and how many ranges came too late for it.
+
+    Raises CltError where there is nothing to estimate.
+    """
+    problem, lag = lay_out(recording, start, settings, view), round(settings.received.lag * 1e9)
+    drivers = drivers_of(recording, problem, settings.noise)
+    heard = [own.feed for own in drivers if own is not None]
+    table, log_time, late = in_time(recording, start, settings, view, problem.end + lag)
+    came = feed(table.stamp, log_time)
+    last = max(int(each.arrival[-1]) for each in (*heard, came) if each.arrival.size > 0)
+    end = min(max(last, problem.end), problem.end + lag)
+    if end <= problem.start:
+        raise CltError("no odometry comes after the initial poses: there is nothing to replay")
+    times = epochs(heard[0].arrival, problem.start, end)
+    problem = replace(problem, ranges=table)
+    return Replay(problem, drivers, came, times, settings.noise, lag), late
+
+
+def with_outputs(case: Replay) -> Problem:
+    """The problem with the outputs that its solution has."""
+    return replace(case.problem, outputs=all_blocks(len(case.problem.robots), case.epochs))
 
 
 def drivers_of(recording: Recording, problem: Problem, noise: Noise) -> tuple[Driver | None, ...]:

@@ -52,7 +52,7 @@ def solve(case: Replay, settings: FilterSettings, run: Filter) -> Solution:
     kept: dict[int, Solution] = {}
     made: list[Solution] = []
     for k, (before, now) in enumerate(pairwise(case.epochs.tolist()), start=1):
-        first = origin(case, kept, k - 1, before, now)
+        first = origin(case, k - 1, before, now)
         segments = known(case, int(case.epochs[first]), now)
         for i in range(first, k):
             rows = ranges_known(case, i, now)
@@ -65,7 +65,8 @@ def solve(case: Replay, settings: FilterSettings, run: Filter) -> Solution:
             ):
                 whole[rows[fresh]] = part[fresh]
         made.append(kept[k])
-        forget(case, kept, now)
+        for index in range(oldest(case, before), oldest(case, now)):
+            kept.pop(index, None)
     last = made[-1]
     shares = [solution.share for solution in made if solution.share is not None]
     return Solution(
@@ -80,10 +81,10 @@ def solve(case: Replay, settings: FilterSettings, run: Filter) -> Solution:
     )
 
 
-def origin(case: Replay, kept: dict[int, Solution], newest: int, before: int, now: int) -> int:
+def origin(case: Replay, newest: int, before: int, now: int) -> int:
     """The newest epoch that nothing which arrived after `before`, by `now`, is older than.
 
-    Where odometry came too late, the oldest that is kept.
+    Where odometry came too late, the oldest that was kept.
     """
     start = case.problem.start
     since = [changed_since(own, before, now, start) for own in case.drivers if own is not None]
@@ -91,14 +92,12 @@ def origin(case: Replay, kept: dict[int, Solution], newest: int, before: int, no
     if news.size > 0:
         since.append(int(case.ranges.stamp[news].min()) - 1)
     index = int(np.searchsorted(case.epochs, min(since), "right")) - 1
-    return min(max(index, min(kept, default=0)), newest)
+    return min(max(index, oldest(case, before)), newest)
 
 
-def forget(case: Replay, kept: dict[int, Solution], now: int) -> None:
-    """Drop what no range that may still come is older than."""
-    oldest = int(np.searchsorted(case.epochs, now - case.lag, "right")) - 1
-    for index in [index for index in kept if index < oldest]:
-        del kept[index]
+def oldest(case: Replay, now: int) -> int:
+    """The newest epoch that no range which comes after `now` is older than."""
+    return max(int(np.searchsorted(case.epochs, now - case.lag, "right")) - 1, 0)
 
 
 def known(case: Replay, since: int, now: int) -> Segments:
