@@ -66,3 +66,14 @@ def predict_range(
     put_gradient(a, ex, ey, ex * adx + ey * ady, J, H, m, 0)
     put_gradient(b, -ex, -ey, -(ex * bdx + ey * bdy), J, H, m, 3)
     return h
+
+
+@inlined
+def distance_of(x: Floats, lever: Floats, a: int, b: int, px: float, py: float) -> float:
+    """The same h(x) alone."""
+    ax, ay, bx, by = px, py, px, py
+    if a >= 0:
+        ax, ay, _, _ = antenna(x[3 * a], x[3 * a + 1], x[3 * a + 2], lever[a, 0], lever[a, 1])
+    if b >= 0:
+        bx, by, _, _ = antenna(x[3 * b], x[3 * b + 1], x[3 * b + 2], lever[b, 0], lever[b, 1])
+    return math.sqrt((ax - bx) * (ax - bx) + (ay - by) * (ay - by))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clt.filters import eskf, gaussian
+from clt.filters import eskf, filterpy_engine, gaussian, ukf
 from clt.filters.posterior import Posterior
 from clt.filters.prior import Belief, moments, spread
 from clt.filters.problem import ABSOLUTE, Problem, lay_out
@@ -22,9 +22,16 @@ LOST_SHARE = 0.5
 """A robot with more than this share of its ranges rejected is called diverged."""
 
 
-FILTERS: dict[str, Filter] = {"eskf": gaussian.solve_eskf, "ekf": gaussian.solve_ekf}
+FILTERS: dict[str, Filter] = {
+    "eskf": gaussian.solve_eskf,
+    "ekf": gaussian.solve_ekf,
+    "ukf": ukf.solve_ukf,
+}
 """By the name that `--filter` takes."""
-FILTERPY: dict[str, Filter] = {}
+FILTERPY: dict[str, Filter] = {
+    "ekf": filterpy_engine.solve_ekf,
+    "ukf": filterpy_engine.solve_ukf,
+}
 """The same through filterpy."""
 
 

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from clt.filters import eskf, filterpy_engine, world
+from clt.filters import eskf, filterpy_ekf, world
 from clt.filters.eskf import REJECTED, USED
-from clt.filters.gaussian import FORMS, first_estimates, solve_eskf
+from clt.filters.gaussian import first_estimates, solve_eskf
 from clt.filters.problem import lay_out
 from clt.filters.ranging import predict_range
 from clt.filters.settings import FilterSettings
@@ -27,14 +27,6 @@ DEFAULTS = FilterSettings()
 def laid_out(recording, options=DEFAULTS):
     start = from_truth(recording, options.initial.sigma)
     return lay_out(recording, start, options)
-
-
-def through_filterpy(problem, options=DEFAULTS):
-    return filterpy_engine.run(
-        problem.mean, problem.covariance, problem.start, problem.lever, problem.segments,
-        problem.ranges, problem.outputs, gate=options.gate, reacquire=options.reacquire,
-        form=FORMS[options.process], first=first_estimates(problem, options),
-    )  # fmt: skip
 
 
 @given(
@@ -76,7 +68,8 @@ def test_range_jacobian_matches_finite_differences(state, arms, ends):
 def test_equals_filterpy(case, options):
     chosen = FilterSettings(**options)
     problem = laid_out(team_recording(seed=4, seconds=8.0, **case), chosen)
-    ours, theirs = solve_eskf(problem, chosen), through_filterpy(problem, chosen)
+    ours = solve_eskf(problem, chosen)
+    theirs = filterpy_ekf.solve_ekf(problem, chosen, first=first_estimates(problem, chosen))
     np.testing.assert_array_equal(ours.verdict, theirs.verdict)
     for name in ("mean", "covariance", "residual", "variance"):
         np.testing.assert_allclose(

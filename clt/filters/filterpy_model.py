@@ -1,0 +1,167 @@
+"""The team's motion, noise and ranges in plain numpy, for filterpy to call.
+
+Positions are complex numbers here, so that no formula is shared with the compiled filters:
+T_ji = (p, theta) is carried forwards by p += e^(i theta) d and backwards by
+p = e^(-i omega dt) (p - d), with d the chord of the arc in the body frame.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clt.filters.inputs import RangeTable, Segments
+from clt.filters.space import Space
+from clt.streams import Floats
+
+
+class Piece(NamedTuple):
+    """A time over which the twist of driver d stays constant."""
+
+    d: int
+    v: float
+    omega: float
+    dt: float
+    q_v: float
+    """Variance that it adds to the driven distance, m^2."""
+    q_omega: float
+    """To the turn, rad^2."""
+
+
+class Clock:
+    """Which segment each driver is in, and how far through it."""
+
+    def __init__(self, segments: Segments, start: int) -> None:
+        self.segments = segments
+        self.time = np.full(segments.first.size - 1, start)
+        self.cursor = segments.first[:-1].copy()
+
+    def stop(self, d: int, until: int) -> int:
+        """When the next piece of driver d towards `until` ends, ns."""
+        k = self.cursor[d]
+        return until if k >= self.segments.first[d + 1] else min(until, int(self.segments.end[k]))
+
+    def piece(self, d: int, until: int) -> Piece | None:
+        """The next piece of driver d towards `until`, or None where it stands."""
+        s, k = self.segments, self.cursor[d]
+        stop, begin = self.stop(d, until), int(self.time[d])
+        self.time[d] = max(begin, stop)
+        if begin >= until or k >= s.first[d + 1]:
+            return None
+        self.cursor[d] += stop == s.end[k]
+        dt = (stop - begin) * 1e-9
+        held = s.interval[k] * dt
+        return Piece(d, s.v[k], s.omega[k], dt, held * s.var_v[k], held * s.var_omega[k])
+
+
+def blocks_of(space: Space, d: int) -> Iterable[tuple[int, bool]]:
+    """The blocks that driver d moves, and whether forwards."""
+    rows = slice(space.first[d], space.first[d + 1])
+    return zip(space.block[rows].tolist(), (space.forward[rows] == 1).tolist(), strict=True)
+
+
+def twist(x: Floats, space: Space, piece: Piece) -> tuple[float, float]:
+    """The twist of a piece less the errors that the state knows."""
+    if space.calibration < 0:
+        return piece.v, piece.omega
+    scale, bias = x[space.calibration + 2 * piece.d :][:2]
+    return (1.0 + scale) * piece.v, piece.omega + bias
+
+
+def moved(x: Floats, space: Space, pieces: Iterable[Piece]) -> Floats:
+    """The state after some pieces."""
+    x = x.copy()
+    for piece in pieces:
+        v, omega = twist(x, space, piece)
+        turn = omega * piece.dt
+        chord = v * piece.dt * (math.sin(0.5 * turn) / (0.5 * turn) if turn != 0.0 else 1.0)
+        for i, forward in blocks_of(space, piece.d):
+            p = complex(x[3 * i], x[3 * i + 1])
+            if forward:
+                p += cmath.rect(chord, x[3 * i + 2] + 0.5 * turn)
+            else:
+                p = (p - cmath.rect(chord, 0.5 * turn)) * cmath.rect(1.0, -turn)
+            x[3 * i], x[3 * i + 1] = p.real, p.imag
+            x[3 * i + 2] += turn if forward else -turn
+    return x
+
+
+def gains(x: Floats, space: Space, piece: Piece) -> Floats:
+    """Derivatives of the state by the piece's (v dt, omega dt), at x after it, shape (N, 2)."""
+    v, omega = twist(x, space, piece)
+    half, reach = 0.5 * omega * piece.dt, 0.5 * v * piece.dt
+    G = np.zeros((x.size, 2))
+    for i, forward in blocks_of(space, piece.d):
+        if forward:
+            along = cmath.rect(1.0, x[3 * i + 2] - half)
+            across, turn = 1j * reach * along, 1.0
+        else:
+            along = -cmath.rect(1.0, -half)
+            across, turn = 1j * (reach * along - complex(x[3 * i], x[3 * i + 1])), -1.0
+        G[3 * i : 3 * i + 3] = [[along.real, across.real], [along.imag, across.imag], [0.0, turn]]
+    return G
+
+
+def noise(x: Floats, space: Space, piece: Piece, *, shi: bool) -> Floats:
+    """Q (N, N) of a piece, at x after it; `shi`: the paper's diagonal of absolute poses."""
+    G = gains(x, space, piece)
+    Q: Floats = (G * (piece.q_v, piece.q_omega)) @ G.T
+    if shi:
+        theta = 3 * piece.d + 2
+        Q = np.diag(np.diag(np.outer(G[:, 0], G[:, 0])) * piece.q_v)
+        Q[theta, theta] = piece.q_omega
+    return Q
+
+
+def transition(x: Floats, before: Floats, space: Space, piece: Piece) -> Floats:
+    """F (N, N): derivatives of the state x after a piece by that `before` it."""
+    F = np.eye(x.size)
+    _, omega = twist(x, space, piece)
+    for i, forward in blocks_of(space, piece.d):
+        X = 3 * i
+        if forward:
+            F[X, X + 2], F[X + 1, X + 2] = before[X + 1] - x[X + 1], x[X] - before[X]
+        else:
+            turn = cmath.rect(1.0, -omega * piece.dt)
+            F[X : X + 2, X : X + 2] = [[turn.real, -turn.imag], [turn.imag, turn.real]]
+    if space.calibration >= 0:
+        s = space.calibration + 2 * piece.d
+        F[:, s : s + 2] += gains(x, space, piece) * (piece.v * piece.dt, piece.dt)
+    return F
+
+
+def antennas(x: Floats, lever: Floats) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Antenna of each block and its arm from the pose, shape (B,)."""
+    pose = x[: 3 * lever.shape[0]].reshape(-1, 3)
+    arm = (lever[:, 0] + 1j * lever[:, 1]) * np.exp(1j * pose[:, 2])
+    return pose[:, 0] + 1j * pose[:, 1] + arm, arm
+
+
+def lines(x: Floats, lever: Floats, ranges: RangeTable, rows: slice) -> NDArray[np.complex128]:
+    """From the second end of each of the ranges `rows` to the first, shape (m,)."""
+    place, _ = antennas(x, lever)
+    a, b = ranges.a[rows], ranges.b[rows]
+    fixed = ranges.anchor[rows, 0] + 1j * ranges.anchor[rows, 1]
+    line: NDArray[np.complex128] = np.where(a < 0, fixed, place[np.maximum(a, 0)])
+    line -= np.where(b < 0, fixed, place[np.maximum(b, 0)])
+    return line
+
+
+def jacobian(x: Floats, lever: Floats, ranges: RangeTable, rows: slice) -> tuple[Floats, Floats]:
+    """Distances h (m,) of the ranges `rows` and their derivatives H (m, N)."""
+    line = lines(x, lever, ranges, rows)
+    h = np.abs(line)
+    e = line / np.where(h < 1e-9, np.inf, h)
+    _, arm = antennas(x, lever)
+    H = np.zeros((h.size, x.size))
+    for ends, sign in ((ranges.a[rows], 1.0), (ranges.b[rows], -1.0)):
+        m = np.flatnonzero(ends >= 0)
+        X = 3 * ends[m]
+        H[m, X], H[m, X + 1] = sign * e[m].real, sign * e[m].imag
+        H[m, X + 2] = sign * (e[m].conj() * 1j * arm[ends[m]]).real
+    return h, H

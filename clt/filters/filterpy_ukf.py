@@ -1,0 +1,101 @@
+"""The unscented Kalman filter through filterpy's UnscentedKalmanFilter and Merwe's sigma points.
+
+Written as a filterpy user would: one predict per step of constant twists, one update per instant.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter, unscented_transform
+from scipy.linalg import LinAlgError, cholesky
+
+from clt.filters.eskf import USED
+from clt.filters.filterpy_model import Clock, Piece, lines, moved, noise
+from clt.filters.filterpy_run import Guard, run
+from clt.filters.gaussian import process_form
+from clt.filters.problem import Problem
+from clt.filters.settings import FilterSettings
+from clt.filters.solution import Solution
+from clt.filters.space import Space
+from clt.filters.unicycle import SHI
+from clt.streams import Floats, Indices
+
+
+def square_root(P: Floats) -> Floats:
+    """U with U^T U = P, upper triangular; a pivot of no more than rounding makes a row of zeros.
+
+    LAPACK would stop at such a pivot, or divide by it.
+    """
+    least = P.shape[0] * np.finfo(np.float64).eps * P.diagonal()
+    try:
+        root: Floats = cholesky(P)
+    except LinAlgError:
+        root = np.zeros_like(P)
+    if np.any(root.diagonal() ** 2 <= least):
+        root = np.zeros_like(P)
+        for k in range(P.shape[0]):
+            row = P[k, k:] - root[:k, k] @ root[:k, k:]
+            if row[0] > least[k]:
+                root[k, k:] = row / np.sqrt(row[0])
+    return root
+
+
+def transition(x: Floats, dt: float, space: Space, pieces: list[Piece]) -> Floats:
+    """The motion of one sigma point; filterpy's signature."""
+    del dt  # It is in the pieces.
+    return moved(x, space, pieces)
+
+
+class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
+    """filterpy's UKF of a team."""
+
+    def __init__(self, problem: Problem, settings: FilterSettings) -> None:
+        alpha, beta, kappa = settings.ukf.alpha, settings.ukf.beta, settings.ukf.kappa
+        N = problem.mean.size
+        points = MerweScaledSigmaPoints(N, alpha, beta, kappa, sqrt_method=square_root)
+        super().__init__(N, 1, 1.0, None, transition, points)
+        self.x, self.P = problem.mean.copy(), problem.covariance.copy()
+        self.problem, self.space = problem, problem.space
+        self.shi = process_form(problem, settings) == SHI
+        self.clock = Clock(problem.segments, problem.start)
+        self.now = problem.start
+
+    def advance(self, until: int, drivers: set[int]) -> None:
+        """Predict up to the time `until` (ns): all drivers together, whichever are wanted."""
+        del drivers
+        every = range(self.clock.time.size)
+        while self.now < until:
+            stop = min(self.clock.stop(d, until) for d in every)
+            pieces = [p for d in every if (p := self.clock.piece(d, stop)) is not None]
+            x = moved(self.x, self.space, pieces)
+            self.Q = sum(
+                (noise(x, self.space, piece, shi=self.shi) for piece in pieces),
+                np.zeros_like(self.P),
+            )
+            self.predict(space=self.space, pieces=pieces)
+            self.now = stop
+
+    def correct(self, rows: slice, guard: Guard) -> tuple[Floats, Floats, Indices]:
+        """Gate and fuse the ranges `rows` of one instant: residual, its variance, verdict."""
+        ranges, z = self.problem.ranges, self.problem.ranges.range[rows]
+        images = np.empty((0, z.size))
+
+        def innovate() -> tuple[Floats, Floats]:
+            nonlocal images
+            self.sigmas_f = self.points_fn.sigma_points(self.x, self.P)
+            images = np.abs([lines(x, self.problem.lever, ranges, rows) for x in self.sigmas_f])
+            h, S = unscented_transform(images, self.Wm, self.Wc, np.diag(ranges.variance[rows]))
+            return z - h, S.diagonal()
+
+        r, S, verdict = guard.judge(self.P, rows, innovate)
+        use = np.flatnonzero(verdict == USED)
+        if use.size > 0:
+            image = iter(images[:, use])
+            R = np.diag(ranges.weight_variance[rows][use])
+            self.update(z[use], R=R, hx=lambda _: next(image))
+        return r, S, verdict
+
+
+def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:
+    """The numbers of `ukf.solve_ukf`."""
+    return run(TeamFilter(problem, settings), problem, settings)

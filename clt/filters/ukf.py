@@ -1,0 +1,251 @@
+"""The unscented Kalman filter of Shi, Araki and Freeman, in any state space.
+
+Between the stamps of ranges and outputs all robots step together, each step no longer than the
+twists stay constant. A step moves sigma points along exact arcs and adds the odometry's noise
+Q = G Sigma_u G^T (Freeman's errata: in the inputs, not the state) at the moved mean; sigma points
+are drawn anew before ranges are predicted. Ranges of one stamp are fused jointly, each behind its
+own gate as in the error-state filter.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from clt.filters.compiled import inlined, lean
+from clt.filters.eskf import REJECTED, USED, Run, most_at_once, read_out
+from clt.filters.gaussian import process_form, remembered, single
+from clt.filters.inputs import Outputs, RangeTable, Segments
+from clt.filters.problem import Problem
+from clt.filters.ranging import distance_of
+from clt.filters.reacquisition import LOST, reacquire, remember
+from clt.filters.settings import FilterSettings
+from clt.filters.solution import Solution
+from clt.filters.space import Space, move, move_block, twist
+from clt.filters.transport import add_noise, noise_gains
+from clt.filters.unicycle import SHI, process_noise
+from clt.filters.unscented import (
+    Measured,
+    Points,
+    center,
+    covariance_of,
+    draw,
+    fuse,
+    measured_of,
+    mirror,
+    points_of,
+)
+from clt.streams import Floats, Indices
+
+
+class State(NamedTuple):
+    """What the filter knows of B blocks moved by D drivers; N numbers."""
+
+    x: Floats
+    """Mean, shape (N,)."""
+    P: Floats
+    """Covariance, shape (N, N)."""
+    cursor: Indices
+    """The twist segment that each driver is in."""
+    memory: Indices
+    """What each block's ranges said of late (`reacquisition`)."""
+    G: Floats
+    """Scratch: how the inputs' noise enters, shape (N, 2)."""
+
+
+@inlined
+def move_points(points: Points, space: Space, d: int, v: float, omega: float, dt: float) -> None:
+    """Driver d moves its blocks of all pairs of sigma points that differ from the mean there."""
+    for j in range(space.first[d], space.first[d + 1]):
+        i, forward = space.block[j], space.forward[j]
+        pairs = 3 * i + 3 if space.calibration < 0 else points.m.size
+        for k in range(pairs):
+            for side in (points.plus[k], points.minus[k]):
+                v_k, omega_k = twist(side, space, d, v, omega)
+                move_block(side, i, forward, v_k, omega_k, dt)
+
+
+@inlined
+def add_process_noise(
+    state: State, space: Space, d: int, segments: Segments, k: int, dt: float, form: int
+) -> None:
+    """What the errors of the twist of segment k add over dt seconds, at the moved mean."""
+    x, P, interval = state.x, state.P, segments.interval[k]
+    var_v, var_omega = segments.var_v[k], segments.var_omega[k]
+    v, omega = twist(x, space, d, segments.v[k], segments.omega[k])
+    if form != SHI:
+        noise_gains(x, state.G, space, d, v, omega, dt)
+        add_noise(P, state.G, space, d, var_v * interval * dt, var_omega * interval * dt)
+        return
+    X, Y, T = 3 * d, 3 * d + 1, 3 * d + 2
+    half = x[T] - 0.5 * omega * dt
+    xx, _, yy, _, _, tt = process_noise(
+        v, dt, math.cos(half), math.sin(half), interval, var_v, var_omega, SHI
+    )
+    P[X, X] += xx
+    P[Y, Y] += yy
+    P[T, T] += tt
+
+
+@lean
+def step(
+    state: State, points: Points, space: Space, segments: Segments, dt: float, form: int
+) -> None:
+    """All drivers move for dt seconds with the twists of their segments: x and P, in place."""
+    x, P, cursor = state.x, state.P, state.cursor
+    blocks = space.calibration < 0
+    draw(x, P, points)
+    for d in range(cursor.size):
+        k = cursor[d]
+        if k < segments.first[d + 1]:
+            move_points(points, space, d, segments.v[k], segments.omega[k], dt)
+            v, omega = twist(x, space, d, segments.v[k], segments.omega[k])
+            move(x, space, d, v, omega, dt)
+    center(x, points, blocks)
+    covariance_of(points, P, blocks)
+    for d in range(cursor.size):
+        if cursor[d] < segments.first[d + 1]:
+            add_process_noise(state, space, d, segments, cursor[d], dt, form)
+    mirror(P)
+    for c in range(x.size):
+        x[c] += points.m[c]
+
+
+@lean
+def advance(
+    state: State, points: Points, space: Space, segments: Segments, now: int, until: int, form: int
+) -> None:
+    """From the time `now` to `until` (ns), in steps of constant twists."""
+    cursor, first, end = state.cursor, segments.first, segments.end
+    while now < until:
+        stop = until
+        for d in range(cursor.size):
+            if cursor[d] < first[d + 1]:
+                stop = min(stop, end[cursor[d]])
+        step(state, points, space, segments, (stop - now) * 1e-9, form)
+        for d in range(cursor.size):
+            if cursor[d] < first[d + 1] and end[cursor[d]] == stop:
+                cursor[d] += 1
+        now = stop
+
+
+@inlined
+def predict_range(
+    x: Floats, points: Points, lever: Floats, ranges: RangeTable, row: int, measured: Measured,
+    j: int,
+) -> tuple[float, float]:  # fmt: skip
+    """Mean and variance of range `row` over the sigma points; its halves to column j."""
+    a, b = ranges.a[row], ranges.b[row]
+    px, py = ranges.anchor[row, 0], ranges.anchor[row, 1]
+    s, N = points.s, x.size
+    h = distance_of(x, lever, a, b, px, py)
+    # Later pairs differ from the mean in later blocks only.
+    pairs = 3 * max(a, b) + 3
+    m, variance = 0.0, 0.0
+    for k in range(pairs):
+        p = distance_of(points.plus[k], lever, a, b, px, py) - h
+        q = distance_of(points.minus[k], lever, a, b, px, py) - h
+        odd, even = 0.5 * (p - q) / s, 0.5 * (p + q) / s
+        measured.odd[k, j], measured.even[k, j] = odd, even
+        m += even / s
+        variance += odd * odd + even * even
+    for k in range(pairs, N):
+        measured.odd[k, j] = measured.even[k, j] = 0.0
+    measured.m[j] = m
+    return h + m, variance + points.excess * m * m
+
+
+@lean
+def innovate(
+    state: State, points: Points, lever: Floats, ranges: RangeTable, first: int, last: int,
+    gate: float, measured: Measured, run: Run,
+) -> int:  # fmt: skip
+    """Predict and gate the ranges first .. last - 1; how many are used, in the first columns."""
+    count = 0
+    draw(state.x, state.P, points)
+    for row in range(first, last):
+        mean, variance = predict_range(state.x, points, lever, ranges, row, measured, count)
+        r, S = ranges.range[row] - mean, variance + ranges.variance[row]
+        verdict = USED if gate <= 0.0 or r * r <= gate * S else REJECTED
+        run.residual[row], run.variance[row], run.verdict[row] = r, S, verdict
+        measured.residual[count], measured.R[count] = r, ranges.weight_variance[row]
+        count += verdict
+    return count
+
+
+@lean
+def correct(
+    state: State, points: Points, lever: Floats, ranges: RangeTable, first: int, last: int,
+    gate: float, patience: int, measured: Measured, run: Run,
+) -> None:  # fmt: skip
+    """Gate and fuse the ranges of one instant, anew if they show that a robot was lost."""
+    a, b, memory = ranges.a, ranges.b, state.memory
+    lost, count = True, 0
+    while lost:
+        count = innovate(state, points, lever, ranges, first, last, gate, measured, run)
+        lost = reacquire(
+            state.P, a, b, run.residual, first, last, ranges.stamp[first], memory, patience
+        )
+    for k in range(first, last):
+        remember(a[k], b[k], run.verdict[k] == USED, memory)
+        remember(b[k], a[k], run.verdict[k] == USED, memory)
+    fuse(state.x, state.P, points.L, measured, count, points.excess)
+
+
+@lean
+def ukf(
+    state: State, points: Points, start: int, end: int, space: Space, lever: Floats,
+    segments: Segments, ranges: RangeTable, outputs: Outputs, gate: float, patience: int,
+    form: int, measured: Measured, run: Run,
+) -> None:  # fmt: skip
+    """The filter over a whole log: fills `run`; `state` ends as the last posterior.
+
+    Ranges of one stamp are fused together, before the outputs of that stamp.
+    """
+    M, O = ranges.stamp.size, outputs.stamp.size  # noqa: E741
+    m: int = np.int64(0)  # type: ignore[assignment]
+    o, now = m, start
+    while m < M or o < O:
+        stamp = outputs.stamp[o] if o < O else ranges.stamp[m]
+        if m < M:
+            stamp = min(stamp, ranges.stamp[m])
+        advance(state, points, space, segments, now, stamp, form)
+        now, last = stamp, m
+        while last < M and ranges.stamp[last] == now:
+            last += 1
+        if last > m:
+            correct(state, points, lever, ranges, m, last, gate, patience, measured, run)
+            m = last
+        while o < O and outputs.stamp[o] == now:
+            read_out(state.x, state.P, outputs.robot[o], run.mean, run.covariance, o)
+            o += 1
+    advance(state, points, space, segments, now, max(now, end), form)
+
+
+def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:
+    """Run the unscented Kalman filter on a problem.
+
+    Raises UsageError for Shi's process noise outside the world frame.
+    """
+    form = process_form(problem, settings)
+    x, P = problem.mean.astype(np.float64), problem.covariance.astype(np.float64)
+    segments, ranges, outputs = problem.segments, problem.ranges, problem.outputs
+    N = x.size
+    memory = remembered(problem)
+    state = State(x, P, segments.first[:-1].copy(), memory.seen, np.zeros((N, 2)))
+    M, O = ranges.stamp.size, outputs.stamp.size  # noqa: E741
+    run = Run(
+        np.empty((O, 3)), np.empty((O, 3, 3)),
+        np.empty(M), np.empty(M), np.empty(M, np.int64), x, P, memory.seen[:, LOST],
+    )  # fmt: skip
+    ukf(
+        state, points_of(N, settings.ukf), problem.start, problem.end, problem.space,
+        problem.lever, segments, ranges, outputs, settings.gate, int(settings.reacquire * 1e9),
+        form, measured_of(most_at_once(ranges.stamp), N), run,
+    )  # fmt: skip
+    return Solution(
+        run.mean, run.covariance, run.residual, run.variance, run.verdict, run.lost, single(x, P),
+        memory=memory,
+    )  # fmt: skip

@@ -1,0 +1,118 @@
+"""The compiled filters against filterpy, in every frame, with every kind of trouble."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from clt.filters.problem import lay_out
+from clt.filters.settings import FilterSettings
+from clt.filters.space import parse_view
+from clt.filters.world import FILTERPY, FILTERS
+from clt.init.truth import from_truth
+from tests.filters.teams import team_recording
+
+SURE = {"initial": {"sigma": (0.1, 0.1, 0.1)}}
+CALIBRATED = {"noise": {"scale": 0.02, "bias": 0.01}, **SURE}
+
+
+def both(name, recording, options, frame, anchors=0.1):
+    """Our solution and filterpy's; the anchors' poses are known up to `anchors` m, rad."""
+    settings = FilterSettings(**options)
+    start = from_truth(recording, settings.initial.sigma)
+    poses = {
+        robot: replace(pose, covariance=anchors**2 * np.eye(3)) if robot[0] == "S" else pose
+        for robot, pose in start.poses.items()
+    }
+    problem = lay_out(recording, replace(start, poses=poses), settings, parse_view(frame))
+    return FILTERS[name](problem, settings), FILTERPY[name](problem, settings)
+
+
+def assert_same(ours, theirs, tolerance=1e-9):
+    np.testing.assert_array_equal(ours.verdict, theirs.verdict)
+    np.testing.assert_array_equal(ours.lost, theirs.lost)
+    for of in ("mean", "covariance", "residual", "variance"):
+        np.testing.assert_allclose(
+            getattr(ours, of), getattr(theirs, of), atol=tolerance, rtol=0, err_msg=of
+        )
+    for end, their_end in zip(ours.belief, theirs.belief, strict=True):
+        np.testing.assert_allclose(end, their_end, atol=tolerance, rtol=0)
+
+
+@pytest.mark.parametrize("name", ["ekf", "ukf"])
+@pytest.mark.parametrize("frame", ["world", "ego:R2", "mutual:R1,R3"])
+@pytest.mark.parametrize("options", [SURE, CALIBRATED, {"gate": 2.0, "reacquire": 0.5, **SURE}])
+@pytest.mark.parametrize(
+    "case",
+    [
+        {"seconds": 5.0},
+        {"seconds": 3.0, "range_rate": 50, "shift": 3_000_000},
+        {"seconds": 5.0, "range_rate": 7, "antenna": (0.3, -0.1)},
+    ],
+)
+def test_gives_the_numbers_of_filterpy(name, frame, options, case):
+    anchors = 0.0 if frame == "world" else 0.1
+    ours, theirs = both(name, team_recording(seed=4, **case), options, frame, anchors)
+    assert_same(ours, theirs)
+
+
+@pytest.mark.parametrize("name", ["ekf", "ukf"])
+def test_with_odometry_of_different_clocks(name):
+    """No two robots' odometry at the same time, and one of them slow with a gap."""
+    recording = team_recording(seed=7, seconds=5.0)
+    streams = {}
+    for k, (robot, odometry) in enumerate(recording.odometry.items()):
+        keep = (
+            np.ones(odometry.stamp.size, bool) if k > 0 else np.arange(odometry.stamp.size) % 3 == 0
+        )
+        if k == 2:
+            keep[40:60] = False
+        columns = {
+            of: getattr(odometry, of)[keep] for of in ("v", "omega", "sigma_v", "sigma_omega")
+        }
+        stamp = odometry.stamp[keep] + 7_000_000 * k
+        streams[robot] = replace(odometry, stamp=stamp, log_time=stamp, **columns)
+    ours, theirs = both(name, replace(recording, odometry=streams), SURE, "ego:R1")
+    assert_same(ours, theirs)
+
+
+@pytest.mark.parametrize("name", ["ekf", "ukf"])
+def test_with_a_robot_that_is_lost_and_found(name):
+    recording = team_recording(seed=5, seconds=15.0, noise=0.01)
+    options = {"noise": {"sigma_v": 0.001, "sigma_omega": 0.001}, "reacquire": 1.0}
+    settings = FilterSettings(**options)
+    start = from_truth(recording, (0.01, 0.01, 0.01))
+    wrong = start.poses["R1"]
+    poses = {**start.poses, "R1": replace(wrong, mean=wrong.mean + np.array([1.5, 1.5, 0.5]))}
+    problem = lay_out(recording, replace(start, poses=poses), settings)
+    ours, theirs = FILTERS[name](problem, settings), FILTERPY[name](problem, settings)
+    assert ours.lost[0] > 0
+    assert_same(ours, theirs, 1e-7)
+
+
+@pytest.mark.parametrize("name", ["ekf", "ukf"])
+def test_with_a_covariance_that_is_singular(name):
+    """Two anchors known for certain, seen by one robot: six numbers that its three errors move.
+
+    Squares of what is nearly nothing lose half the digits.
+    """
+    recording = team_recording(seed=4, seconds=5.0)
+    ours, theirs = both(name, recording, SURE, "ego:R2", anchors=0.0)
+    assert_same(ours, theirs, 1e-9 if name == "ekf" else 1e-6)
+
+
+def test_with_the_noise_of_the_paper():
+    ours, theirs = both("ukf", team_recording(seed=1, seconds=5.0), {"process": "shi"}, "world")
+    assert_same(ours, theirs)
+
+
+@pytest.mark.parametrize(
+    "points", [{"alpha": 0.5}, {"beta": 0.0}, {"kappa": 3.0}, {"alpha": 0.3, "kappa": 1.0}]
+)
+def test_with_other_sigma_points(points):
+    ours, theirs = both(
+        "ukf", team_recording(seed=1, seconds=5.0), {"ukf": points, **SURE}, "ego:R1"
+    )
+    assert_same(ours, theirs)
