@@ -1,0 +1,247 @@
+"""How well a relative pose explains the ranges of a pair: Li's eqs. (10)-(18), put right.
+
+With q = p + R(phi) b_0 - a_0 the vector between the two antennas at the first range, in polar form
+q = d (cos theta, sin theta), the antennas are w_k = q + R (b_k - b_0) - (a_k - a_0) apart at range
+k. Residuals z_k - |w_k| have the full covariance W = R + u^T P_a u + u^T R P_b R^T u, u_k = w_k /
+|w_k|: odometry errors accumulate. The first distance d is as uncertain as every other: it is an
+unknown, solved for along with every (theta, phi).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from clt.filters.compiled import kernel, lean
+from clt.streams import Floats
+
+FIELDS = 12
+"""Numbers that `weigh` tells about a direction."""
+THETA, PHI, DISTANCE, COST, LOG_DET, VAR_D, G_THETA, G_PHI, H_TT, H_TP, H_PP, ROUGH = range(FIELDS)
+NEAREST = 1e-3
+"""Two antennas are never closer, m."""
+
+
+class Pair(NamedTuple):
+    """Ranges of robots i and j along their tracks, n of them."""
+
+    z: Floats
+    """Ranges (n,), m."""
+    variance: Floats
+    """Of each, m^2."""
+    a: Floats
+    """Antenna of robot i in its own frame at the start, (n, 2), m."""
+    b: Floats
+    """The same of robot j."""
+    P_a: Floats
+    """Covariance of the errors of `a`, (n, n, 2, 2), m^2."""
+    P_b: Floats
+    S_a: Floats
+    """How far the true position scatters around `a` while range k is taken, (n, 2, 2), m^2."""
+    S_b: Floats
+    S_ab: Floats
+    """Of `a` with `b`."""
+
+
+@lean
+def weigh(
+    pair: Pair,
+    theta: float,
+    phi: float,
+    h_theta: float,
+    h_phi: float,
+    L: Floats,
+    y: Floats,
+    out: Floats,
+) -> None:
+    """Weigh a direction and a turn (rad) with the best distance d for them.
+
+    `out` (FIELDS,) receives d (m), the cost r^T W^-1 r, log det W, the variance of d, gradient and
+    Hessian (Gauss-Newton, d eliminated) of half the cost, and ROUGH: by how much the square root
+    of the cost may differ from its linearization anywhere within h_theta, h_phi (rad) of here.
+    `L` (n, n) and `y` (n, 4) are scratch.
+    """
+    n = pair.z.size
+    c, s = np.cos(phi), np.sin(phi)
+    e_x, e_y = np.cos(theta), np.sin(theta)
+    d = max(pair.z[0], NEAREST)
+    residuals(pair, c, s, e_x, e_y, d, L, y, True)
+    log_det = factor(L, n)
+    forward(L, y, n, 2)
+    slope, information = 0.0, 0.0
+    for k in range(n):
+        slope += y[k, 0] * y[k, 1]
+        information += y[k, 1] * y[k, 1]
+    d = min(max(d + slope / information, 0.3 * d), 3.0 * d)
+    residuals(pair, c, s, e_x, e_y, d, L, y, False)
+    rough = 0.0
+    for k in range(n):
+        b_x, b_y = pair.b[k, 0] - pair.b[0, 0], pair.b[k, 1] - pair.b[0, 1]
+        w_x = d * e_x + c * b_x - s * b_y - pair.a[k, 0] + pair.a[0, 0]
+        w_y = d * e_y + s * b_x + c * b_y - pair.a[k, 1] + pair.a[0, 1]
+        moved = d * h_theta + np.sqrt(b_x * b_x + b_y * b_y) * h_phi
+        apart = np.sqrt(w_x * w_x + w_y * w_y)
+        bend = min(0.5 * moved * moved / max(apart, NEAREST), 2.0 * moved)
+        rough += bend * bend / pair.variance[k]
+    forward(L, y, n, 4)
+    rr, rd, dd, rt, rp, dt, dp, tt, tp, pp = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(n):
+        y_r, y_d, y_t, y_p = y[k, 0], y[k, 1], y[k, 2], y[k, 3]
+        rr += y_r * y_r
+        rd += y_r * y_d
+        dd += y_d * y_d
+        rt += y_r * y_t
+        rp += y_r * y_p
+        dt += y_d * y_t
+        dp += y_d * y_p
+        tt += y_t * y_t
+        tp += y_t * y_p
+        pp += y_p * y_p
+    out[THETA], out[PHI] = theta, phi
+    out[DISTANCE] = max(d + rd / dd, NEAREST)
+    out[COST], out[LOG_DET], out[VAR_D] = rr - rd * rd / dd, log_det, 1.0 / dd
+    out[G_THETA], out[G_PHI] = rt - rd * dt / dd, rp - rd * dp / dd
+    out[H_TT], out[H_TP], out[H_PP] = tt - dt * dt / dd, tp - dt * dp / dd, pp - dp * dp / dd
+    out[ROUGH] = np.sqrt(rough)
+
+
+@lean
+def residuals(
+    pair: Pair,
+    c: float,
+    s: float,
+    e_x: float,
+    e_y: float,
+    d: float,
+    L: Floats,
+    y: Floats,
+    with_W: bool,
+) -> None:
+    """Residuals and derivatives by d, theta, phi into the columns of `y`, and W into `L`.
+
+    The mean range of an antenna that scatters across the line of sight is longer than that
+    between the mean positions: sqrt(|w|^2 + u_perp^T S u_perp).
+    """
+    n = pair.z.size
+    for k in range(n):
+        b_x, b_y = pair.b[k, 0] - pair.b[0, 0], pair.b[k, 1] - pair.b[0, 1]
+        r_x, r_y = c * b_x - s * b_y, s * b_x + c * b_y
+        w_x = d * e_x + r_x - pair.a[k, 0] + pair.a[0, 0]
+        w_y = d * e_y + r_y - pair.a[k, 1] + pair.a[0, 1]
+        apart = np.sqrt(w_x * w_x + w_y * w_y)
+        if apart > NEAREST:
+            u_x, u_y = w_x / apart, w_y / apart
+        else:
+            u_x, u_y = e_x, e_y
+        n_x, n_y = -u_y, u_x
+        m_x, m_y = c * n_x + s * n_y, -s * n_x + c * n_y
+        across = (
+            quadratic(pair.S_a[k], n_x, n_y, n_x, n_y)
+            + quadratic(pair.S_b[k], m_x, m_y, m_x, m_y)
+            - 2.0 * quadratic(pair.S_ab[k], n_x, n_y, m_x, m_y)
+        )
+        expected = np.sqrt(apart * apart + across)
+        share = apart / expected
+        y[k, 0] = pair.z[k] - expected
+        y[k, 1] = share * (u_x * e_x + u_y * e_y)
+        y[k, 2] = share * d * (u_y * e_x - u_x * e_y)
+        y[k, 3] = share * (u_y * r_x - u_x * r_y)
+        if with_W:
+            L[k, k] = pair.variance[k] + 0.5 * (across / expected) ** 2
+            y[k, 2], y[k, 3] = u_x, u_y
+    if not with_W:
+        return
+    for k in range(n):
+        u_x, u_y = y[k, 2], y[k, 3]
+        v_x, v_y = c * u_x + s * u_y, -s * u_x + c * u_y
+        for m in range(k + 1):
+            o_x, o_y = y[m, 2], y[m, 3]
+            q_x, q_y = c * o_x + s * o_y, -s * o_x + c * o_y
+            P, Q = pair.P_a[k, m], pair.P_b[k, m]
+            value = (
+                u_x * (P[0, 0] * o_x + P[0, 1] * o_y)
+                + u_y * (P[1, 0] * o_x + P[1, 1] * o_y)
+                + v_x * (Q[0, 0] * q_x + Q[0, 1] * q_y)
+                + v_y * (Q[1, 0] * q_x + Q[1, 1] * q_y)
+            )
+            L[k, m] = value + (L[k, k] if m == k else 0.0)
+
+
+@lean
+def quadratic(S: Floats, a_x: float, a_y: float, b_x: float, b_y: float) -> float:
+    """a^T S b."""
+    return float(a_x * (S[0, 0] * b_x + S[0, 1] * b_y) + a_y * (S[1, 0] * b_x + S[1, 1] * b_y))
+
+
+@lean
+def factor(L: Floats, n: int) -> float:
+    """Cholesky factor of the matrix in the lower triangle, in place; log of its determinant.
+
+    The diagonal is left inverted: solves multiply instead of dividing.
+    """
+    log_det = 0.0
+    for i in range(n):
+        for j in range(i):
+            total = L[i, j]
+            for k in range(j):
+                total -= L[i, k] * L[j, k]
+            L[i, j] = total * L[j, j]
+        total = L[i, i]
+        for k in range(i):
+            total -= L[i, k] * L[i, k]
+        L[i, i] = 1.0 / math.sqrt(total)
+        log_det += math.log(total)
+    return log_det
+
+
+@lean
+def forward(L: Floats, y: Floats, n: int, columns: int) -> None:
+    """Solve L x = y in place for the first columns."""
+    for i in range(n):
+        for k in range(i):
+            for j in range(columns):
+                y[i, j] -= L[i, k] * y[k, j]
+        for j in range(columns):
+            y[i, j] *= L[i, i]
+
+
+@kernel
+def descend(
+    pair: Pair, theta: float, phi: float, turns: bool, L: Floats, y: Floats, out: Floats
+) -> bool:
+    """Iterative weighted least squares from a direction and a turn; the last `weigh` in `out`.
+
+    Gauss-Newton with Levenberg's damping where a step does not help; W follows the pose. False
+    where it has not converged.
+    """
+    ahead = np.empty(FIELDS)
+    weigh(pair, theta, phi, 0.0, 0.0, L, y, out)
+    damping = 1e-9
+    for _ in range(40):
+        scale = out[H_TT] + out[H_PP] + 1e-12
+        h_tt, h_pp, h_tp = out[H_TT] + damping * scale, out[H_PP] + damping * scale, out[H_TP]
+        if turns:
+            det = h_tt * h_pp - h_tp * h_tp
+            step_t = (h_pp * out[G_THETA] - h_tp * out[G_PHI]) / det
+            step_p = (h_tt * out[G_PHI] - h_tp * out[G_THETA]) / det
+        else:
+            step_t, step_p = out[G_THETA] / h_tt, 0.0
+        longest = max(abs(step_t), abs(step_p))
+        if longest > 0.3:
+            step_t, step_p = 0.3 * step_t / longest, 0.3 * step_p / longest
+        gained = step_t * out[G_THETA] + step_p * out[G_PHI]
+        weigh(pair, out[THETA] + step_t, out[PHI] + step_p, 0.0, 0.0, L, y, ahead)
+        if ahead[COST] <= out[COST] + 1e-9:
+            out[:] = ahead
+            damping = max(0.1 * damping, 1e-9)
+            if longest < 1e-9 or gained < 1e-10:
+                return True
+        elif gained < 1e-6:
+            return True
+        else:
+            damping = max(10.0 * damping, 1e-4)
+            if damping > 1e6:
+                return True
+    return False

@@ -1,0 +1,88 @@
+"""Where odometry alone takes the antenna of a robot, and how its errors accumulate.
+
+The model is the filters' (`clt.filters.unicycle`): every step of the odometry adds an independent
+error along the heading and one of the heading. A heading error turns all of the way that follows,
+so the errors at two times are correlated; the whole covariance is kept.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clt.filters.inputs import Segments
+from clt.geometry import rotation
+from clt.streams import Floats, Indices, Stamps
+
+
+@dataclass(frozen=True)
+class Track:
+    """Antenna positions of one robot in its body frame at the start."""
+
+    position: Floats
+    """(n, 2), m."""
+    covariance: Floats
+    """Between the errors at any two of the chosen times, (m, m, 2, 2), m^2."""
+
+
+def dead_reckon(
+    segments: Segments, start: int, stamp: Stamps, lever: Floats, chosen: Indices
+) -> Track:
+    """Integrate one robot's twist segments from `start` (ns) to stamps (n,), sorted.
+
+    `lever` (2,) is the antenna in the body frame, m; `chosen` (m,) are the stamps, as indices, of
+    which the covariance is wanted. The error of the position q_l at time l is
+    the sum over the steps m before it of the error along the heading and of J (q_l - p_m) times
+    that of the heading, with p_m in the middle of step m and J a quarter turn; sums over m, and
+    so the covariance of times k <= l, come from running totals up to k.
+    """
+    end = np.unique(np.concatenate([segments.end[segments.end > start], stamp]))
+    end = end[end <= stamp[-1]]
+    of = np.minimum(np.searchsorted(segments.end, end), segments.end.size - 1)
+    dt = np.diff(end, prepend=start) * 1e-9
+    turn = segments.omega[of] * dt
+    heading = np.cumsum(turn) - 0.5 * turn
+    along = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    chord = (segments.v[of] * dt * np.sinc(0.5 * turn / np.pi))[:, None] * along
+    after = np.cumsum(chord, axis=0)
+    middle = after - 0.5 * chord
+    scale = segments.interval[of] * dt
+    q_v, q_w = segments.var_v[of] * scale, segments.var_omega[of] * scale
+
+    at = np.searchsorted(end, stamp)
+    position = after[at] + rotation(np.cumsum(turn)[at]) @ lever
+    at = at[chosen]
+    drift = _total(q_v[:, None, None] * along[:, :, None] * along[:, None, :], at)
+    weight = _total(q_w, at)
+    first = _total(q_w[:, None] * middle, at)
+    second = _total(q_w[:, None, None] * middle[:, :, None] * middle[:, None, :], at)
+    return Track(position, drift_covariance(position[chosen], drift, weight, first, second))
+
+
+def _total(values: Floats, at: Indices) -> Floats:
+    return np.cumsum(values, axis=0)[at]
+
+
+def drift_covariance(
+    position: Floats, drift: Floats, weight: Floats, first: Floats, second: Floats
+) -> Floats:
+    """Covariance (n, n, 2, 2) of positions (n, 2) whose errors accumulate.
+
+    Totals up to each time: `drift` (n, 2, 2) of the errors along the heading, and of the variance
+    of the heading's steps `weight` (n,), times their place `first` (n, 2), times the square of
+    that `second` (n, 2, 2).
+    """
+    n = len(position)
+    k = np.minimum(np.arange(n)[:, None], np.arange(n)[None, :])
+    row, column = position[:, None, :, None], position[None, :, None, :]
+    moment = (
+        row * column * weight[k][..., None, None]
+        - row * first[k][:, :, None, :]
+        - first[k][:, :, :, None] * column
+        + second[k]
+    )
+    turned = np.empty_like(moment)
+    turned[..., 0, 0], turned[..., 1, 1] = moment[..., 1, 1], moment[..., 0, 0]
+    turned[..., 0, 1], turned[..., 1, 0] = -moment[..., 1, 0], -moment[..., 0, 1]
+    return drift[k] + turned

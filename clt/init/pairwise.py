@@ -1,0 +1,127 @@
+"""Li's relative initialization (`--init pairwise`): where robot j is as robot i sees it.
+
+From nothing but the ranges of a pair taken along two odometry tracks. The result is the set of all
+poses that explain them, with probabilities: two straight tracks leave four, few ranges more.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clt.filters.inputs import (
+    correlated_variance,
+    correlation_time,
+    robot_segments,
+)
+from clt.filters.settings import FilterSettings
+from clt.init.pair_hypotheses import Hypotheses, gather
+from clt.init.pair_likelihood import Pair
+from clt.init.pair_solutions import explore, fewer
+from clt.init.pair_tracks import Track, dead_reckon
+from clt.init.pairs import range_sigma
+from clt.streams import Floats, Indices, Recording, Stamps
+
+MOST_RANGES = 40
+"""More than these are averaged in as many blocks."""
+MISFIT = 3.0
+"""Standard deviations by which residuals may exceed their noise before that is believed larger."""
+
+
+def solve_pair(pair: Pair, turns: bool = True) -> Hypotheses:
+    """All relative poses that a pair's ranges leave possible.
+
+    Without `turns` robot j is static: its heading means nothing and stays 0. Where even the best
+    pose leaves residuals beyond their noise, the noise is believed that much larger.
+    """
+    solutions = _solve(pair, turns)
+    free = pair.z.size - (3 if turns else 2)
+    if free > 0 and solutions.cost > free + MISFIT * np.sqrt(2.0 * free):
+        return _solve(widened(pair, solutions.cost / free), turns)
+    return solutions
+
+
+def _solve(pair: Pair, turns: bool) -> Hypotheses:
+    cells, faked = explore(pair, fewer(pair), turns)
+    return gather(pair, cells, faked, turns)
+
+
+def widened(pair: Pair, factor: float) -> Pair:
+    """A pair with all variances this many times larger."""
+    return pair._replace(
+        variance=factor * pair.variance, P_a=factor * pair.P_a, P_b=factor * pair.P_b
+    )
+
+
+def cut_pair(
+    recording: Recording, names: tuple[str, str], span: tuple[int, int], settings: FilterSettings
+) -> Pair | None:
+    """Ranges and tracks of two robots over a span (ns); None where they have no range.
+
+    The first robot moves; the second may be static. Both directions of ranging count.
+    """
+    team, ranges = recording.team, recording.ranges
+    i, j = (team.index(name) for name in names)
+    rows = np.flatnonzero(
+        ((ranges.source == i) & (ranges.target == j))
+        | ((ranges.source == j) & (ranges.target == i))
+    )
+    stamp = ranges.stamp[rows]
+    rows = rows[(stamp >= span[0]) & (stamp <= span[1]) & np.isfinite(ranges.range[rows])]
+    if rows.size == 0:
+        return None
+    stamp = ranges.stamp[rows]
+    sigma = range_sigma(recording, settings.noise)[rows]
+    tau = correlation_time(settings.noise, team)
+    variance = correlated_variance(sigma**2, stamp, np.zeros(rows.size, np.int64), tau)
+    first = np.linspace(0, rows.size, min(rows.size, MOST_RANGES) + 1).astype(np.int64)[:-1]
+    middle = (first + np.append(first[1:], rows.size) - 1) // 2
+    a, b = (_track(recording, name, span, stamp, middle, settings) for name in names)
+    return in_blocks(ranges.range[rows], variance, a, b, first)
+
+
+def _track(
+    recording: Recording,
+    name: str,
+    span: tuple[int, int],
+    stamp: Stamps,
+    middle: Indices,
+    settings: FilterSettings,
+) -> Track:
+    """Where a robot's antenna was at every range, and how its errors accumulated."""
+    robot = recording.team.robots[recording.team.index(name)]
+    if robot.static:
+        none = np.zeros((middle.size, middle.size, 2, 2))
+        return Track(np.zeros((stamp.size, 2)), none)
+    parts, _ = robot_segments(
+        recording.odometry[name], robot, settings.noise, span[0], max(span[1], int(stamp[-1]))
+    )
+    return dead_reckon(parts, span[0], stamp, np.array(robot.antenna, np.float64), middle)
+
+
+def in_blocks(z: Floats, variance: Floats, a: Track, b: Track, first: Indices) -> Pair:
+    """Ranges averaged in blocks that begin at the rows `first` (m,), with where they were taken.
+
+    What the scatter of positions within a block adds to its mean range is left to the likelihood.
+    """
+    count = np.diff(np.append(first, z.size)).astype(np.float64)
+
+    def mean(values: Floats) -> Floats:
+        total = np.add.reduceat(values, first, axis=0)
+        return np.asarray(total / count.reshape(-1, *[1] * (values.ndim - 1)))
+
+    def scatter(p: Floats, q: Floats) -> Floats:
+        outer = mean(p[:, :, None] * q[:, None, :])
+        return outer - mean(p)[:, :, None] * mean(q)[:, None, :]
+
+    k = np.arange(first.size)
+    return Pair(
+        mean(z),
+        mean(variance) / count,
+        mean(a.position),
+        mean(b.position),
+        a.covariance,
+        b.covariance,
+        scatter(a.position, a.position) + a.covariance[k, k],
+        scatter(b.position, b.position) + b.covariance[k, k],
+        scatter(a.position, b.position),
+    )

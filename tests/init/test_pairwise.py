@@ -1,0 +1,114 @@
+import numpy as np
+import pytest
+
+from clt.geometry import rotation, wrap
+from clt.init.pair_likelihood import Pair
+from clt.init.pairwise import solve_pair
+
+
+def track(turns, rng, step=0.6):
+    heading = np.cumsum(turns * np.ones(len(turns)))
+    d = step * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    return np.vstack([np.zeros(2), np.cumsum(d, axis=0)])
+
+
+def measured(a, b, pose, sigma, drift, rng):
+    """Ranges along two true tracks, which odometry knows up to a random walk (m per step)."""
+    n = len(a)
+    z = np.hypot(*(pose[:2] + b @ rotation(pose[2]).T - a).T) + sigma * rng.standard_normal(n)
+    steps = np.arange(n)
+    P = drift**2 * np.minimum(steps[:, None], steps)[:, :, None, None] * np.eye(2)
+    S = P[steps, steps]
+    walks = [np.cumsum(drift * rng.standard_normal((n, 2)), axis=0) for _ in "ab"]
+    a, b = (p + w - w[0] for p, w in zip((a, b), walks, strict=True))
+    variance = np.full(n, max(sigma, 1e-3) ** 2)
+    return Pair(np.abs(z), variance, a, b, P, P.copy(), S, S.copy(), np.zeros((n, 2, 2)))
+
+
+def error(mean, pose):
+    e = np.atleast_2d(mean) - pose
+    e[:, 2] = wrap(e[:, 2])
+    return e
+
+
+def inside(found, pose):
+    """The pose lies in the 99.7 % region of a hypothesis."""
+    e = error(found.mean, pose)
+    return any(x @ np.linalg.solve(C, x) < 13.93 for x, C in zip(e, found.covariance, strict=True))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_exact_ranges_along_curves_leave_the_true_pose(seed):
+    rng = np.random.default_rng(seed)
+    pose = np.array([*rng.uniform(-5.0, 5.0, 2), rng.uniform(-np.pi, np.pi)])
+    a, b = (track(rng.normal(0.0, 0.5, 12), rng) for _ in "ab")
+    found = solve_pair(measured(a, b, pose, 0.0, 0.0, rng))
+    assert found.unique
+    np.testing.assert_allclose(error(found.mean[0], pose), 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_straight_tracks_leave_exactly_four_poses(seed):
+    rng = np.random.default_rng(seed)
+    pose = np.array([*rng.uniform(1.0, 4.0, 2), rng.uniform(0.5, 2.5)])
+    straight = track(np.zeros(12), rng)
+    pair = measured(straight, straight, pose, 0.0, 0.0, rng)
+    found = solve_pair(pair)
+    assert not found.unique
+    assert len(found.mean) == 4
+    np.testing.assert_allclose(found.probability, 0.25, atol=0.06)
+    assert np.min(np.max(np.abs(error(found.mean, pose)), axis=1)) < 1e-6
+    for mean in found.mean:
+        told = np.hypot(*(mean[:2] + straight @ rotation(mean[2]).T - straight).T)
+        np.testing.assert_allclose(told, pair.z, atol=1e-6)
+
+
+def test_noisy_curves_the_truth_is_reported_and_what_is_called_unique_is_right():
+    rng = np.random.default_rng(5)
+    covered, right, unique, wrong = 0, 0, 0, 0
+    for _ in range(60):
+        pose = np.array([*rng.uniform(-4.0, 4.0, 2), rng.uniform(-np.pi, np.pi)])
+        a, b = (track(rng.normal(0.0, 0.5, 29), rng) for _ in "ab")
+        found = solve_pair(measured(a, b, pose, 0.1, 0.1 / np.sqrt(15.0), rng))
+        e = error(found.mean[0], pose)[0]
+        good = np.hypot(e[0], e[1]) < 1.0 and abs(e[2]) < np.radians(20.0)
+        covered += inside(found, pose)
+        right += good
+        unique += found.unique
+        wrong += found.unique and not good
+    assert covered >= 59
+    assert right >= 59
+    assert unique >= 40
+    assert wrong == 0
+
+
+def test_few_ranges_are_not_guessed_from():
+    rng = np.random.default_rng(6)
+    pose = np.array([3.0, 1.0, 0.7])
+    a, b = (track(rng.normal(0.0, 0.5, 3), rng) for _ in "ab")
+    found = solve_pair(measured(a, b, pose, 0.2, 0.05, rng))
+    assert not found.unique
+    assert inside(found, pose)
+    assert found.probability[0] < 0.5
+    assert found.probability.sum() == pytest.approx(1.0)
+
+
+def test_a_static_robot_is_a_place_without_heading():
+    rng = np.random.default_rng(7)
+    pose = np.array([3.0, -2.0, 0.0])
+    a = track(rng.normal(0.0, 0.5, 12), rng)
+    found = solve_pair(measured(a, np.zeros_like(a), pose, 0.05, 0.0, rng), turns=False)
+    assert found.unique
+    np.testing.assert_allclose(found.mean[0], pose, atol=0.2)
+    assert found.mean[0, 2] == 0.0
+
+
+def test_residuals_beyond_their_noise_widen_the_answer():
+    rng = np.random.default_rng(8)
+    pose = np.array([3.0, -2.0, 1.0])
+    a, b = (track(rng.normal(0.0, 0.5, 29), rng) for _ in "ab")
+    noisy = measured(a, b, pose, 0.2, 0.0, rng)
+    bold = noisy._replace(variance=noisy.variance / 100.0)
+    honest, found = solve_pair(noisy), solve_pair(bold)
+    ratio = np.sqrt(np.trace(found.covariance[0]) / np.trace(honest.covariance[0]))
+    assert 0.5 < ratio < 2.0
