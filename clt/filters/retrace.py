@@ -56,7 +56,7 @@ def solve(case: Replay, settings: FilterSettings, run: Filter) -> Solution:
         segments = known(case, int(case.epochs[first]), now)
         for i in range(first, k):
             rows = ranges_known(case, i, now)
-            kept[i + 1] = run(step(case, kept.get(i), i, rows, segments), settings)
+            kept[i + 1] = run(step(case, kept[i] if i > 0 else None, i, rows, segments), settings)
             fresh = verdict[rows] == UNJUDGED
             for whole, part in (
                 (residual, kept[i + 1].residual),
