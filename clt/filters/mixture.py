@@ -2,50 +2,42 @@
 
 One range leaves a relative pose on a ring, and driving straight leaves mirror images: one Gaussian
 cannot hold that. Before a range is fused, a Gaussian that is wide across the line of sight, or
-whose heading was uncertain while its robot drove, is split (`splitting`), so that the curvature
-over each part is below the noise of the range. The evidence of the ranges then tells the parts
+whose heading was uncertain while its robot drove, is split (`sharpen`), so that the curvature over
+each part is below the noise of the range. The evidence of the ranges then tells the parts
 apart, and those that it refuted or that came together again go (`reduction`): once the answer is
 unique the cost is that of one filter.
 """
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from clt.filters.bank import (
-    TANGENT,
     Bank,
     Trace,
     advance,
     belief_of,
     bring,
     fuse,
-    look,
     make_bank,
     make_trace,
 )
 from clt.filters.compiled import lean
 from clt.filters.inputs import Outputs, RangeTable, Segments
-from clt.filters.kalman import projected_variance
 from clt.filters.modes import leading_share, moments
 from clt.filters.problem import Problem
 from clt.filters.reduction import Desk, make_desk, reduce
 from clt.filters.settings import FilterSettings
+from clt.filters.sharpen import HEADING, sharpen
 from clt.filters.solution import Solution
 from clt.filters.space import Space
-from clt.filters.splitting import narrow_gaussians, place_row, split
+from clt.filters.splitting import narrow_gaussians
 from clt.streams import Floats
 
-HEADING = 0.2
-"""Heading whose sine is good enough for driving, rad."""
-BEND = 0.5
-"""Curvature over a Gaussian that is borne, in standard deviations of a range."""
-NARROWEST = 0.3
-"""Width of parts of one split, in that of the whole: what is still too wide splits again."""
 SWEEP = 20
 """Ranges after which the bank is reduced."""
+FULL = 0.7
+"""Share of the room beyond which the bank is reduced at once."""
 ROOM = 4
 """Room for so many times the Gaussians that are kept, for splits."""
 
@@ -81,7 +73,9 @@ def mixture(
             now, a, b = ranges.stamp[m], ranges.a[m], ranges.b[m]
             bring(bank, a, now, segments, space, b < 0)
             bring(bank, b, now, segments, space, a < 0)
-            sharpen(bank, space, lever, ranges, m, desk)
+            if bank.alive[0] > FULL * bank.log_weight.size:
+                tidy(bank, space, desk)
+            sharpen(bank, space, lever, ranges, m, False)
             fuse(bank, lever, ranges, m, gate, trace)
             if m % SWEEP == 0:
                 tidy(bank, space, desk)
@@ -108,55 +102,3 @@ def report(bank: Bank, i: int, trace: Trace, o: int, scratch: Floats) -> None:
     w, x, P, n = bank.log_weight, bank.mean, bank.covariance, bank.alive[0]
     lead = moments(w, x, P, n, i, trace.mean[o], trace.covariance[o])
     trace.share[o] = leading_share(w, x, P, n, i, lead, scratch)
-
-
-@lean
-def sharpen(
-    bank: Bank, space: Space, lever: Floats, ranges: RangeTable, m: int, desk: Desk
-) -> None:
-    """Split what is too wide for range m to be linear over it."""
-    noise = math.sqrt(ranges.variance[m])
-    if bank.alive[0] > 0.7 * bank.log_weight.size:
-        tidy(bank, space, desk)
-    for i in (ranges.a[m], ranges.b[m]):
-        if i >= 0:
-            sharpen_heading(bank, space, i, noise)
-    k = 0
-    while k < bank.alive[0]:
-        x, P = bank.mean[k], bank.covariance[k]
-        h = look(x, lever, ranges, m, bank.J, bank.H)
-        across = math.sqrt(projected_variance(P, bank.J, bank.H, TANGENT))
-        along = math.sqrt(projected_variance(P, bank.J, bank.H, 0))
-        z = max(ranges.range[m], noise)
-        limit = math.sqrt(2.0 * BEND * noise * z)
-        far = abs(ranges.range[m] - h) > 4.0 * along + 4.0 * noise + across
-        if across > limit and not far:
-            if not split(bank, k, TANGENT, max(limit / across, NARROWEST)):
-                return
-            continue
-        if along > max(0.5 * h, z / 3.0) and not far:
-            if not split(bank, k, 0, max(max(0.5 * h, z / 3.0) / along, NARROWEST)):
-                return
-            continue
-        k += 1
-
-
-@lean
-def sharpen_heading(bank: Bank, space: Space, i: int, noise: float) -> None:
-    """Split the headings of block i that bend the way that its robot drove since the last time."""
-    d, index = space.who[i], 3 * i + 2
-    worst = 2.0 * 0.2 * noise / max(abs(bank.travel[d]), 1e-9)
-    place_row(bank.J, bank.H, 0, index)
-    done = False
-    k = 0
-    while k < bank.alive[0]:
-        variance = bank.covariance[k][index, index]
-        if variance > HEADING * HEADING * 1.1 and variance > worst:
-            if not split(bank, k, 0, max(HEADING / math.sqrt(variance), NARROWEST)):
-                break
-            place_row(bank.J, bank.H, 0, index)
-            done = True
-            continue
-        k += 1
-    if done:
-        bank.travel[d] = 0.0

@@ -184,6 +184,8 @@ def refit(
             for c in range(r + 1):
                 S[r, c] /= total
         centred(S, m)
-        C[:] = S
-        centre[:] += m
+        for r in range(3):
+            centre[r] += m[r]
+            for c in range(3):
+                C[r, c] = S[r, c]
     return total

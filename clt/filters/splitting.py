@@ -81,6 +81,21 @@ def split(bank: Bank, k: int, row: int, width: float) -> bool:
     return True
 
 
+@lean
+def draw(bank: Bank, k: int, row: int, width: float) -> None:
+    """Replace Gaussian k by one of `width` of its own along row `row` of J, H, drawn at random."""
+    g, P = bank.gain, bank.covariance[k]
+    project(P, bank.J, bank.H, row, g)
+    sigma = math.sqrt(dot(g, bank.J, bank.H, row))
+    taken = 1.0 - width * width
+    place = math.sqrt(taken) * np.random.normal() / sigma  # noqa: NPY002  seeded by the kernel
+    for r in range(g.size):
+        bank.mean[k, r] += place * g[r]
+    for r in range(g.size):
+        for c in range(g.size):
+            P[r, c] -= taken * g[r] * g[c] / (sigma * sigma)
+
+
 def heading_grid(sigma: float, width: float) -> tuple[Floats, Floats, float]:
     """Places (rad), weights and the variance left to the parts of a heading N(0, sigma^2).
 
