@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clt.filters import eskf, filterpy_engine, gaussian, ukf
+from clt.filters import eskf, filterpy_engine, gaussian, mixture, particles, ukf
 from clt.filters.posterior import Posterior
 from clt.filters.prior import Belief, moments, spread
 from clt.filters.problem import ABSOLUTE, Problem, lay_out
@@ -26,6 +26,8 @@ FILTERS: dict[str, Filter] = {
     "eskf": gaussian.solve_eskf,
     "ekf": gaussian.solve_ekf,
     "ukf": ukf.solve_ukf,
+    "mixture": mixture.solve_mixture,
+    "pf": particles.solve_pf,
 }
 """By the name that `--filter` takes."""
 FILTERPY: dict[str, Filter] = {
