@@ -18,7 +18,7 @@ from clt.filters.inputs import Outputs, RangeTable, Segments, join_segments, sta
 from clt.filters.problem import Problem
 from clt.filters.settings import FilterSettings, Noise
 from clt.filters.solution import Filter, Solution
-from clt.streams import Indices, Stamps
+from clt.streams import Floats, Indices, Stamps
 
 UNJUDGED = -1
 """Verdict on a range that no run came to."""
@@ -47,38 +47,38 @@ def solve(case: Replay, settings: FilterSettings, run: Filter) -> Solution:
     Ranges are judged when first fused; those that never were are UNJUDGED.
     """
     size = case.problem.ranges.stamp.size
-    residual, variance = np.full(size, np.nan), np.full(size, np.nan)
-    verdict = np.full(size, UNJUDGED)
+    judged = np.full(size, np.nan), np.full(size, np.nan), np.full(size, UNJUDGED)
     kept: dict[int, Solution] = {}
-    made: list[Solution] = []
+    made: list[tuple[Floats, Floats, Floats | None]] = []
     for k, (before, now) in enumerate(pairwise(case.epochs.tolist()), start=1):
         first = origin(case, k - 1, before, now)
         segments = known(case, int(case.epochs[first]), now)
         for i in range(first, k):
             rows = ranges_known(case, i, now)
             kept[i + 1] = run(step(case, kept[i] if i > 0 else None, i, rows, segments), settings)
-            fresh = verdict[rows] == UNJUDGED
-            for whole, part in (
-                (residual, kept[i + 1].residual),
-                (variance, kept[i + 1].variance),
-                (verdict, kept[i + 1].verdict),
-            ):
-                whole[rows[fresh]] = part[fresh]
-        made.append(kept[k])
+            note(judged, rows, kept[i + 1])
+        made.append((kept[k].mean, kept[k].covariance, kept[k].share))
         for index in range(oldest(case, before), oldest(case, now)):
             kept.pop(index, None)
-    last = made[-1]
-    shares = [solution.share for solution in made if solution.share is not None]
+    last = kept[case.epochs.size - 1]
+    mean, covariance, share = zip(*made, strict=True)
+    shares = [part for part in share if part is not None]
     return Solution(
-        np.concatenate([solution.mean for solution in made]),
-        np.concatenate([solution.covariance for solution in made]),
-        residual,
-        variance,
-        verdict,
+        np.concatenate(mean),
+        np.concatenate(covariance),
+        *judged,
         last.lost,
         last.belief,
         np.concatenate(shares) if len(shares) > 0 else None,
     )
+
+
+def note(judged: tuple[Floats, Floats, Indices], rows: Indices, solution: Solution) -> None:
+    """Put what a run found of some ranges into the columns of all, where that is the first."""
+    fresh = judged[2][rows] == UNJUDGED
+    found = solution.residual, solution.variance, solution.verdict
+    for column, values in zip(judged, found, strict=True):
+        column[rows[fresh]] = values[fresh]
 
 
 def origin(case: Replay, newest: int, before: int, now: int) -> int:
