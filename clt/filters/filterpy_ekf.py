@@ -29,7 +29,7 @@ class TeamFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         self.x, self.P = problem.mean.copy(), problem.covariance.copy()
         self.problem, self.space = problem, problem.space
         self.shi = process_form(problem, settings) == SHI
-        self.clock = Clock(problem.segments, problem.start)
+        self.clock = Clock(problem.segments, problem.space, problem.start)
         self.first, self.shift = first, np.zeros(self.x.size)
         self.after = self.x
 

@@ -24,6 +24,8 @@ class Piece(NamedTuple):
     """A time over which the twist of driver d stays constant."""
 
     d: int
+    blocks: tuple[tuple[int, bool], ...]
+    """That it moves, and whether forwards."""
     v: float
     omega: float
     dt: float
@@ -36,8 +38,9 @@ class Piece(NamedTuple):
 class Clock:
     """Which segment each driver is in, and how far through it."""
 
-    def __init__(self, segments: Segments, start: int) -> None:
+    def __init__(self, segments: Segments, space: Space, start: int) -> None:
         self.segments = segments
+        self.blocks = [blocks_of(space, d) for d in range(segments.first.size - 1)]
         self.time = np.full(segments.first.size - 1, start)
         self.cursor = segments.first[:-1].copy()
 
@@ -56,13 +59,15 @@ class Clock:
         self.cursor[d] += stop == s.end[k]
         dt = (stop - begin) * 1e-9
         held = s.interval[k] * dt
-        return Piece(d, s.v[k], s.omega[k], dt, held * s.var_v[k], held * s.var_omega[k])
+        twist = float(s.v[k]), float(s.omega[k])
+        return Piece(d, self.blocks[d], *twist, dt, held * s.var_v[k], held * s.var_omega[k])
 
 
-def blocks_of(space: Space, d: int) -> Iterable[tuple[int, bool]]:
+def blocks_of(space: Space, d: int) -> tuple[tuple[int, bool], ...]:
     """The blocks that driver d moves, and whether forwards."""
     rows = slice(space.first[d], space.first[d + 1])
-    return zip(space.block[rows].tolist(), (space.forward[rows] == 1).tolist(), strict=True)
+    forward = (space.forward[rows] == 1).tolist()
+    return tuple(zip(space.block[rows].tolist(), forward, strict=True))
 
 
 def twist(x: Floats, space: Space, piece: Piece) -> tuple[float, float]:
@@ -75,20 +80,21 @@ def twist(x: Floats, space: Space, piece: Piece) -> tuple[float, float]:
 
 def moved(x: Floats, space: Space, pieces: Iterable[Piece]) -> Floats:
     """The state after some pieces."""
-    x = x.copy()
+    y = x.tolist()
     for piece in pieces:
         v, omega = twist(x, space, piece)
         turn = omega * piece.dt
         chord = v * piece.dt * (math.sin(0.5 * turn) / (0.5 * turn) if turn != 0.0 else 1.0)
-        for i, forward in blocks_of(space, piece.d):
-            p = complex(x[3 * i], x[3 * i + 1])
+        for i, forward in piece.blocks:
+            X, Y, T = 3 * i, 3 * i + 1, 3 * i + 2
+            p = complex(y[X], y[Y])
             if forward:
-                p += cmath.rect(chord, x[3 * i + 2] + 0.5 * turn)
+                p += cmath.rect(chord, y[T] + 0.5 * turn)
             else:
                 p = (p - cmath.rect(chord, 0.5 * turn)) * cmath.rect(1.0, -turn)
-            x[3 * i], x[3 * i + 1] = p.real, p.imag
-            x[3 * i + 2] += turn if forward else -turn
-    return x
+            y[X], y[Y] = p.real, p.imag
+            y[T] += turn if forward else -turn
+    return np.array(y)
 
 
 def gains(x: Floats, space: Space, piece: Piece) -> Floats:
@@ -96,7 +102,7 @@ def gains(x: Floats, space: Space, piece: Piece) -> Floats:
     v, omega = twist(x, space, piece)
     half, reach = 0.5 * omega * piece.dt, 0.5 * v * piece.dt
     G = np.zeros((x.size, 2))
-    for i, forward in blocks_of(space, piece.d):
+    for i, forward in piece.blocks:
         if forward:
             along = cmath.rect(1.0, x[3 * i + 2] - half)
             across, turn = 1j * reach * along, 1.0
@@ -122,7 +128,7 @@ def transition(x: Floats, before: Floats, space: Space, piece: Piece) -> Floats:
     """F (N, N): derivatives of the state x after a piece by that `before` it."""
     F = np.eye(x.size)
     _, omega = twist(x, space, piece)
-    for i, forward in blocks_of(space, piece.d):
+    for i, forward in piece.blocks:
         X = 3 * i
         if forward:
             F[X, X + 2], F[X + 1, X + 2] = before[X + 1] - x[X + 1], x[X] - before[X]
@@ -136,19 +142,19 @@ def transition(x: Floats, before: Floats, space: Space, piece: Piece) -> Floats:
 
 
 def antennas(x: Floats, lever: Floats) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Antenna of each block and its arm from the pose, shape (B,)."""
-    pose = x[: 3 * lever.shape[0]].reshape(-1, 3)
-    arm = (lever[:, 0] + 1j * lever[:, 1]) * np.exp(1j * pose[:, 2])
-    return pose[:, 0] + 1j * pose[:, 1] + arm, arm
+    """Antenna of each block in the states x (..., N) and its arm from the pose, shape (..., B)."""
+    X, Y, T = (x[..., k : 3 * lever.shape[0] : 3] for k in range(3))
+    arm = (lever[:, 0] + 1j * lever[:, 1]) * np.exp(1j * T)
+    return X + 1j * Y + arm, arm
 
 
 def lines(x: Floats, lever: Floats, ranges: RangeTable, rows: slice) -> NDArray[np.complex128]:
-    """From the second end of each of the ranges `rows` to the first, shape (m,)."""
+    """From the second end of each of the ranges `rows` to the first, states (..., N): (..., m)."""
     place, _ = antennas(x, lever)
     a, b = ranges.a[rows], ranges.b[rows]
     fixed = ranges.anchor[rows, 0] + 1j * ranges.anchor[rows, 1]
-    line: NDArray[np.complex128] = np.where(a < 0, fixed, place[np.maximum(a, 0)])
-    line -= np.where(b < 0, fixed, place[np.maximum(b, 0)])
+    line: NDArray[np.complex128] = np.where(a < 0, fixed, place[..., np.maximum(a, 0)])
+    line -= np.where(b < 0, fixed, place[..., np.maximum(b, 0)])
     return line
 
 

@@ -57,7 +57,7 @@ class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
         self.x, self.P = problem.mean.copy(), problem.covariance.copy()
         self.problem, self.space = problem, problem.space
         self.shi = process_form(problem, settings) == SHI
-        self.clock = Clock(problem.segments, problem.start)
+        self.clock = Clock(problem.segments, problem.space, problem.start)
         self.now = problem.start
 
     def advance(self, until: int, drivers: set[int]) -> None:
@@ -83,7 +83,7 @@ class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
         def innovate() -> tuple[Floats, Floats]:
             nonlocal images
             self.sigmas_f = self.points_fn.sigma_points(self.x, self.P)
-            images = np.abs([lines(x, self.problem.lever, ranges, rows) for x in self.sigmas_f])
+            images = np.abs(lines(self.sigmas_f, self.problem.lever, ranges, rows))
             h, S = unscented_transform(images, self.Wm, self.Wc, np.diag(ranges.variance[rows]))
             return z - h, S.diagonal()
 

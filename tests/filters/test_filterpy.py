@@ -78,15 +78,20 @@ def test_with_odometry_of_different_clocks(name):
     assert_same(ours, theirs)
 
 
-@pytest.mark.parametrize("name", ["ekf", "ukf"])
-def test_with_a_robot_that_is_lost_and_found(name):
-    recording = team_recording(seed=5, seconds=15.0, noise=0.01)
-    options = {"noise": {"sigma_v": 0.001, "sigma_omega": 0.001}, "reacquire": 1.0}
-    settings = FilterSettings(**options)
+def astray(seconds):
+    """A recording whose R1 starts 2 m from where it is believed to be: start and settings, too."""
+    recording = team_recording(seed=5, seconds=seconds, noise=0.01)
     start = from_truth(recording, (0.01, 0.01, 0.01))
     wrong = start.poses["R1"]
     poses = {**start.poses, "R1": replace(wrong, mean=wrong.mean + np.array([1.5, 1.5, 0.5]))}
-    problem = lay_out(recording, replace(start, poses=poses), settings)
+    noise = {"sigma_v": 0.001, "sigma_omega": 0.001}
+    return recording, replace(start, poses=poses), FilterSettings(noise=noise, reacquire=1.0)
+
+
+@pytest.mark.parametrize("name", ["ekf", "ukf"])
+def test_with_a_robot_that_is_lost_and_found(name):
+    recording, start, settings = astray(15.0)
+    problem = lay_out(recording, start, settings)
     ours, theirs = FILTERS[name](problem, settings), FILTERPY[name](problem, settings)
     assert ours.lost[0] > 0
     assert_same(ours, theirs, 1e-7)
@@ -116,3 +121,31 @@ def test_with_other_sigma_points(points):
         "ukf", team_recording(seed=1, seconds=5.0), {"ukf": points, **SURE}, "ego:R1"
     )
     assert_same(ours, theirs)
+
+
+@pytest.mark.parametrize("filters", [FILTERS, FILTERPY])
+@pytest.mark.parametrize("name", ["ekf", "ukf"])
+def test_goes_on_where_it_stopped(filters, name):
+    """A log in two parts, the second from what the first one left, in the midst of a suspicion."""
+    recording, start, settings = astray(4.0)
+    half = 500_000_000
+    whole = lay_out(recording, start, settings)
+    wanted = filters[name](whole, settings)
+    early, written = whole.ranges.stamp <= half, whole.outputs.stamp <= half
+    first = filters[name](
+        replace(
+            whole,
+            ranges=whole.ranges._make(column[early] for column in whole.ranges),
+            outputs=whole.outputs._make(column[written] for column in whole.outputs),
+            end=half,
+        ),
+        settings,
+    )
+    rest = lay_out(recording, replace(start, stamp=half), settings)
+    second = filters[name](replace(rest, belief=first.belief, memory=first.memory), settings)
+    after = rest.outputs.stamp > half
+    np.testing.assert_allclose(first.mean, wanted.mean[written], atol=1e-9)
+    np.testing.assert_allclose(second.mean[after], wanted.mean[~written], atol=1e-9)
+    np.testing.assert_array_equal(second.verdict, wanted.verdict[~early])
+    np.testing.assert_array_equal(second.lost, wanted.lost)
+    assert wanted.lost.sum() > first.lost.sum()
