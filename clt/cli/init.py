@@ -27,7 +27,8 @@ def init(
     method: Annotated[
         str,
         typer.Option(
-            help="motion: from ranges and odometry alone (Shi). truth: from the ground truth. "
+            help="motion: from ranges and odometry alone (Shi). pairwise: relative poses from the "
+            "ranges between pairs (Li). truth: from the ground truth. "
             "auto: what the log records, else motion."
         ),
     ] = "auto",

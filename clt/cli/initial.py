@@ -18,19 +18,32 @@ from clt.init.truth import from_truth
 from clt.settings import read_toml
 from clt.streams import Recording
 
-METHODS = ("auto", "motion", "truth")
+METHODS = ("auto", "motion", "pairwise", "truth")
 
 
 def find(
-    recording: Recording, method: str, settings: FilterSettings, console: Console
+    recording: Recording,
+    method: str,
+    settings: FilterSettings,
+    console: Console,
+    ego: str | None = None,
 ) -> tuple[str, Initialization]:
     """Initial poses by a method of METHODS, and the method that `auto` chose.
 
-    Says which robots cannot be told. Raises CltError where nothing can be initialized at all.
+    `pairwise` tells them in the frame of the `ego`, else of the first moving robot. Says which
+    robots cannot be told. Raises CltError where nothing can be initialized at all.
     """
     if method == "truth":
         start = from_truth(recording, settings.initial.sigma)
         found = as_given(start, recording.team, "truth with heading, or no odometry, at the start")
+        missing(found, console)
+        return method, found
+    if method == "pairwise":
+        from clt.init.pair_team import from_pairwise
+
+        with announced(console):
+            found = from_pairwise(recording, settings, ego)
+        console.say(f"initial poses: from ranges between pairs, in the frame {found.frame}")
         missing(found, console)
         return method, found
     recorded = from_record(recording) if method == "auto" else None
@@ -57,7 +70,7 @@ def start_for(
     """
     if isinstance(init, Document):
         return from_poses(recording, read_toml(init), str(init), settings.initial.sigma, ego)
-    _, found = find(recording, init, settings, console)
+    _, found = find(recording, init, settings, console, ego)
     return start_of(found, recording)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from clt.init.start import InitialPose, Start
+from clt.init.start import Hypothesis, InitialPose, Start
 from clt.streams import WORLD, Floats, Team
 
 Status = Literal["ok", "ambiguous", "unobservable"]
@@ -52,16 +52,36 @@ class Initialization:
     """By how much `start` widens the standard deviations."""
     frame: str = WORLD
     """Id of the frame that the poses stand in."""
+    hypotheses: tuple[Hypothesis, ...] = ()
+    """Joint poses of the team that remain possible, the most probable first; empty where the
+    method tells of each robot alone."""
 
     @property
     def start(self) -> Start:
-        """What a filter takes that will see the same ranges again: the robots that are `ok`."""
+        """What a filter takes that will see the same ranges again.
+
+        The robots that are `ok`; or joint hypotheses, with probabilities as much flatter as the
+        covariances are wider.
+        """
+        if len(self.hypotheses) > 0:
+            shares = [one.probability ** (1.0 / self.again**2) for one in self.hypotheses]
+            wide = tuple(
+                Hypothesis(share / sum(shares), self._widened(one.poses))
+                for share, one in zip(shares, self.hypotheses, strict=True)
+            )
+            return Start(self.stamp, wide[0].poses, self.frame, wide if len(wide) > 1 else ())
         poses = {
-            name: InitialPose(robot.pose.mean, self.again**2 * robot.pose.covariance)
+            name: robot.pose
             for name, robot in self.robots.items()
             if robot.status == "ok" and robot.pose is not None
         }
-        return Start(self.stamp, poses, self.frame)
+        return Start(self.stamp, self._widened(poses), self.frame)
+
+    def _widened(self, poses: Mapping[str, InitialPose]) -> dict[str, InitialPose]:
+        return {
+            name: InitialPose(pose.mean, self.again**2 * pose.covariance)
+            for name, pose in poses.items()
+        }
 
 
 def unobservable(why: str) -> RobotStatus:

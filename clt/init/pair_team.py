@@ -1,0 +1,164 @@
+"""The start of a team from its pairs' ranges and odometry (`--init pairwise`)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clt.errors import CltError
+from clt.filters.settings import FilterSettings
+from clt.geometry import wrap
+from clt.init.pair_graph import Joint, combine
+from clt.init.pair_hypotheses import CERTAIN, sharp
+from clt.init.pairwise import cut_pair, solve_pair
+from clt.init.start import Hypothesis, InitialPose, odometry_begin
+from clt.init.status import Alternative, Initialization, RobotStatus, unobservable
+from clt.streams import Floats, Recording
+
+DRIVE = "let both robots drive on in curves, or give its pose in a TOML file (--init FILE)"
+SPANS = (15, 30, 60)
+"""Seconds of the log that are looked at; the longer only where the shorter do not suffice."""
+MANY = 8
+"""A robot with as many alternatives as these is not observable yet."""
+UNKNOWN = 0.8
+"""Standard deviation of a heading (rad) that is not known at all."""
+WORTH_TELLING = 1e-3
+"""Probability from which an alternative is listed."""
+OVERLAP = 9.0
+"""Squared distance, in units of their summed variance, of solutions that are one."""
+
+
+def from_pairwise(
+    recording: Recording, settings: FilterSettings, ego: str | None = None
+) -> Initialization:
+    """Where the team is as the ego (the first moving robot unless told) sees it at the start.
+
+    Raises CltError where no two robots that move, or one and a static one, have ranges and
+    odometry.
+    """
+    team = recording.team
+    moving = [robot.name for robot in team.moving if robot.name in recording.odometry]
+    if len(moving) == 0:
+        raise CltError("no moving robot has odometry: there is nothing to initialize")
+    ego = moving[0] if ego is None else ego
+    if ego not in moving:
+        raise CltError(f"{ego} has no odometry: no pose can be told in its frame")
+    begin = max(odometry_begin(recording, name) for name in moving)
+    last = max(int(recording.odometry[name].stamp[-1]) for name in moving)
+    for seconds in SPANS:
+        end = begin + seconds * 1_000_000_000
+        found = _within(recording, moving, ego, (begin, min(end, last)), settings)
+        settled = all(robot.status == "ok" for robot in found.robots.values())
+        if settled or end >= last:
+            break
+    return found
+
+
+def _within(
+    recording: Recording,
+    moving: list[str],
+    ego: str,
+    span: tuple[int, int],
+    settings: FilterSettings,
+) -> Initialization:
+    """What the ranges of a span (ns) tell."""
+    team = recording.team
+    static = frozenset(robot.name for robot in team.static)
+    edges = {}
+    for k, name in enumerate(moving):
+        for other in [*moving[k + 1 :], *(robot.name for robot in team.static)]:
+            pair = cut_pair(recording, (name, other), span, settings)
+            if pair is not None:
+                edges[name, other] = solve_pair(pair, turns=other not in static)
+    if len(edges) == 0:
+        raise CltError(
+            f"no ranges between robots with odometry in the first {SPANS[-1]} s: nothing tells "
+            "where they are; give poses in a TOML file (--init FILE)"
+        )
+    names, joints = combine(ego, edges, static)
+    probability = np.exp([joint.log_weight - joints[0].log_weight for joint in joints])
+    probability /= probability.sum()
+    robots = {}
+    for robot in team.robots:
+        if robot.name == ego:
+            robots[ego] = RobotStatus("ok", InitialPose(np.zeros(3), np.zeros((3, 3))))
+        elif robot.name in names:
+            k = names.index(robot.name)
+            robots[robot.name] = told(joints, probability, k, not robot.static)
+        elif robot.name in moving or robot.static:
+            robots[robot.name] = unobservable(f"no chain of ranges connects it with {ego}")
+        else:
+            robots[robot.name] = unobservable("no odometry")
+    hypotheses = tuple(
+        Hypothesis(float(p), dict(zip(names, _poses(joint), strict=True)))
+        for p, joint in zip(probability, joints, strict=True)
+    )
+    return Initialization(span[0], False, robots, frame=f"{ego}/base_link", hypotheses=hypotheses)
+
+
+def _poses(joint: Joint) -> list[InitialPose]:
+    """Marginal poses of a joint hypothesis."""
+    return [
+        InitialPose(mean, joint.covariance[3 * k : 3 * k + 3, 3 * k : 3 * k + 3])
+        for k, mean in enumerate(joint.mean)
+    ]
+
+
+def told(joints: list[Joint], probability: Floats, k: int, turns: bool) -> RobotStatus:
+    """What the joint hypotheses say about robot k; those that hang together are one solution."""
+    poses = [_poses(joint)[k] for joint in joints]
+    groups = _groups(poses, turns)
+    share = [float(probability[group].sum()) for group in groups]
+    order = np.argsort(-np.array(share), kind="stable").tolist()
+    best = _gathered([poses[i] for i in groups[order[0]]], probability[groups[order[0]]])
+    rest = tuple(
+        Alternative(poses[groups[g][0]].mean, share[g])
+        for g in order[1:]
+        if share[g] >= WORTH_TELLING
+    )
+    top = share[order[0]]
+    if top >= CERTAIN and sharp(best.covariance, turns):
+        return RobotStatus("ok", best, top, alternatives=rest)
+    if len(rest) == 0:
+        place = float(np.sqrt(np.linalg.eigvalsh(best.covariance[:2, :2])[-1]))
+        turn = float(np.sqrt(best.covariance[2, 2]))
+        why = f"its pose is known only to {place:.2f} m and {turn:.2f} rad"
+    else:
+        why = f"{len(rest) + 1} poses explain the ranges (the best with probability {top:.2f})"
+    if len(rest) >= MANY or hopeless(best.covariance):
+        return RobotStatus("unobservable", best, top, f"{why}: not observable yet; {DRIVE}", rest)
+    return RobotStatus("ambiguous", best, top, f"{why}; {DRIVE}", rest)
+
+
+def hopeless(covariance: Floats) -> bool:
+    """A solution as wide as no filter can start from: its heading is all but unknown."""
+    return float(np.sqrt(covariance[2, 2])) > UNKNOWN
+
+
+def _groups(poses: list[InitialPose], turns: bool) -> list[list[int]]:
+    """Indices of poses that hang together, each group and the groups in the order given."""
+    groups: list[list[int]] = []
+    for index, pose in enumerate(poses):
+        near = [g for g in groups if any(_alike(poses[i], pose, turns) for i in g)]
+        joined = sorted([i for g in near for i in g] + [index])
+        groups = [g for g in groups if g not in near] + [joined]
+    return sorted(groups)
+
+
+def _gathered(poses: list[InitialPose], probability: Floats) -> InitialPose:
+    """The first of several poses with a covariance that holds all of them."""
+    first, weight = poses[0], probability / probability.sum()
+    covariance = np.zeros((3, 3))
+    for pose, w in zip(poses, weight, strict=True):
+        e = pose.mean - first.mean
+        e[2:] = wrap(e[2:])
+        covariance += w * (pose.covariance + np.outer(e, e))
+    return InitialPose(first.mean, covariance)
+
+
+def _alike(a: InitialPose, b: InitialPose, turns: bool) -> bool:
+    """Two poses so close that they belong to one solution: their regions overlap."""
+    size = 3 if turns else 2
+    e = a.mean - b.mean
+    e[2:] = wrap(e[2:])
+    P = (a.covariance + b.covariance)[:size, :size]
+    return bool(e[:size] @ np.linalg.solve(P, e[:size]) < OVERLAP)

@@ -1,0 +1,131 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from clt.errors import CltError
+from clt.filters.settings import FilterSettings
+from clt.geometry import relative_pose, wrap
+from clt.init.pair_graph import combine, inverted
+from clt.init.pair_hypotheses import Hypotheses
+from clt.init.pair_team import from_pairwise
+from clt.sim.scenario import load_scenario
+from clt.sim.simulate import simulate
+
+POSES = {
+    "R1": np.zeros(3),
+    "R2": np.array([2.0, 1.0, 0.5]),
+    "R3": np.array([-1.0, 3.0, -2.0]),
+    "R4": np.array([1.0, -4.0, 0.0]),
+}
+
+
+def seen(i, j, *others, sigma=0.05):
+    """The true pose of j as i sees it among others, all as probable."""
+    mean = np.array([relative_pose(POSES[i], POSES[j]), *others])
+    order = np.roll(np.arange(len(mean)), 1)
+    k = len(mean)
+    P = np.tile(np.diag([sigma, sigma, sigma]) ** 2, (k, 1, 1))
+    return Hypotheses(mean[order], P, np.full(k, 1.0 / k), 0.0, k == 1)
+
+
+def test_a_cycle_of_pairs_tells_which_of_their_hypotheses_are_true():
+    edges = {
+        ("R1", "R2"): seen("R1", "R2", np.array([2.0, -1.0, -0.5])),
+        ("R1", "R3"): seen("R1", "R3", np.array([-1.0, -3.0, 2.0])),
+        ("R2", "R3"): seen("R2", "R3", np.array([0.0, 2.0, 1.0])),
+    }
+    names, joints = combine("R1", edges, frozenset())
+    assert set(names) == {"R1", "R2", "R3"}
+    for name, mean in zip(names, joints[0].mean, strict=True):
+        np.testing.assert_allclose(mean, POSES[name], atol=1e-6)
+    assert all(joint.log_weight < joints[0].log_weight - 5.0 for joint in joints[1:])
+
+
+def test_a_chain_with_a_missing_pair_and_a_static_end_keeps_all_combinations():
+    edges = {
+        ("R2", "R1"): seen("R2", "R1"),
+        ("R2", "R3"): seen("R2", "R3", np.array([0.0, 2.0, 1.0])),
+        ("R3", "R4"): seen("R3", "R4"),
+    }
+    names, joints = combine("R1", edges, frozenset({"R4"}))
+    assert len(joints) == 2
+    best = min(joints, key=lambda joint: np.abs(joint.mean[names.index("R3")] - POSES["R3"]).max())
+    np.testing.assert_allclose(best.mean[names.index("R4"), :2], POSES["R4"][:2], atol=1e-9)
+    assert joints[0].log_weight == pytest.approx(joints[1].log_weight)
+
+
+def test_a_robot_that_no_range_reaches_is_left_out():
+    names, _ = combine("R1", {("R1", "R2"): seen("R1", "R2")}, frozenset())
+    assert names == ("R1", "R2")
+
+
+def test_inverting_twice_gives_the_same_poses_and_covariances():
+    one = seen("R2", "R3", np.array([1.0, -2.0, 3.0]))
+    P = one.covariance + 0.001 * np.ones((3, 3))
+    one = replace(one, covariance=P)
+    twice = inverted(inverted(one))
+    np.testing.assert_allclose(twice.mean, one.mean, atol=1e-12)
+    np.testing.assert_allclose(twice.covariance, one.covariance, atol=1e-12)
+
+
+def errors(recording, found, ego):
+    """Position (m) and heading (rad) error of every other robot."""
+    start = {name: np.array([t.x[0], t.y[0], t.heading[0]]) for name, t in recording.truth.items()}
+    for name, robot in found.robots.items():
+        if name != ego:
+            e = robot.pose.mean - relative_pose(start[ego], start[name])
+            yield float(np.hypot(e[0], e[1])), abs(float(wrap(e[2:])[0])), robot
+
+
+@pytest.mark.parametrize("ego", ["R1", "R3"])
+def test_li_three_is_found_from_its_ranges_as_any_robot_sees_it(ego):
+    keys = {"range.sigma": 0.05, "odometry.sigma_v": 0.03, "odometry.sigma_omega": 0.005}
+    quiet = {f"sensors.{key}": value for key, value in keys.items()}
+    recording = simulate(load_scenario("li-three", quiet))
+    found = from_pairwise(replace(recording, truth={}), FilterSettings(), ego)
+    assert found.frame == f"{ego}/base_link"
+    assert found.start.poses[ego].covariance.max() == 0.0
+    for place, turn, robot in errors(recording, found, ego):
+        assert robot.status == "ok"
+        assert place < 0.5
+        assert turn < 0.2
+
+
+def test_many_fast_ranges_make_the_pose_sharper_in_bounded_time():
+    def trace(rate):
+        keys = {"sensors.range.rate": rate, "duration": 15.0, "sensors.odometry.rate": 50.0}
+        recording = simulate(load_scenario("li-two", keys))
+        found = from_pairwise(replace(recording, truth={}), FilterSettings())
+        ((place, turn, robot),) = errors(recording, found, "R1")
+        assert place < 0.5
+        assert turn < 0.2
+        return np.trace(robot.pose.covariance)
+
+    assert trace(100.0) < 0.5 * trace(1.0)
+
+
+def test_ambiguous_starts_carry_flatter_hypotheses_that_hold_every_robot():
+    recording = simulate(load_scenario("li-two", {"duration": 6.0}))
+    found = from_pairwise(replace(recording, truth={}), FilterSettings())
+    assert found.robots["R2"].status != "ok"
+    assert found.robots["R2"].why != ""
+    start = found.start
+    assert len(start.hypotheses) > 1
+    assert sum(one.probability for one in start.hypotheses) == pytest.approx(1.0)
+    assert start.hypotheses[0].probability < found.hypotheses[0].probability
+    assert all(set(one.poses) == {"R1", "R2"} for one in start.hypotheses)
+
+
+def test_a_team_without_ranges_is_refused_in_one_line():
+    recording = simulate(load_scenario("li-two"))
+    none = replace(
+        recording.ranges,
+        **{
+            name: getattr(recording.ranges, name)[:0]
+            for name in ("stamp", "log_time", "source", "target", "range", "raw", "sigma")
+        },
+        sequence=recording.ranges.sequence[:0],
+    )
+    with pytest.raises(CltError, match="no ranges between robots"):
+        from_pairwise(replace(recording, ranges=none), FilterSettings())
