@@ -31,7 +31,8 @@ def localize(
             "--filter",
             help="eskf: error-state Kalman filter (Shi), the default in the world. ekf, ukf: "
             "extended, unscented Kalman filter. mixture: a bank of Kalman filters that keeps every "
-            "pose still possible, the default in relative frames. pf: particle filter.",
+            "pose still possible, the default in relative frames. pf: particle filter. dpf: one "
+            "for each robot, agreeing by consensus (Li).",
         ),
     ] = None,
     frame: Annotated[

@@ -34,9 +34,11 @@ def describe(
         for name, pose in result.start.poses.items()
     }
     kept = {key: earlier[key] for key in ("calibration", "seed", "ranging") if key in earlier}
+    sent = result.posterior.traffic
     return kept | run_record(
         inputs,
         **choices,
+        **({"traffic": sent} if len(sent) > 0 else {}),
         config=settings.model_dump(mode="json"),
         initial_poses=start,
         timings=timings,

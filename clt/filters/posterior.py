@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from clt.streams import Floats, Innovations, Poses
 
@@ -31,3 +31,5 @@ class Posterior:
     """What could not be estimated and why, one line each."""
     diverged: tuple[str, ...] = ()
     """Robots whose estimate cannot be trusted."""
+    traffic: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+    """Messages and bytes that each robot of a distributed filter sent and heard."""

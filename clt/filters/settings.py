@@ -88,6 +88,29 @@ class Pf(Settings):
     """Of all that is drawn at random."""
 
 
+class Dpf(Settings):
+    """The distributed particle filter, and the network that its robots share."""
+
+    likelihood: Literal["fit", "shared"] = "fit"
+    """What the robots average: functions of their distances, or likelihoods of common particles."""
+    particles: int = Field(default=200, ge=1, le=1_000_000)
+    """shared: points; fit: the most Gaussians."""
+    iterations: int = Field(default=1, ge=0, le=1000)
+    """Of the consensus in each round."""
+    interval: NotNegative = 0.1
+    """Length of a round, s; 0: one for each instant of ranges."""
+    graph: str = "complete"
+    """Who may hear whom: complete, line, ring, or links as R1-R2,R2-R3."""
+    reach: Positive = MOST
+    """How far a robot is heard, m."""
+    loss: float = Field(default=0.0, ge=0.0, lt=1.0)
+    """Probability that a neighbour does not hear a message."""
+    delay: NotNegative = 0.0
+    """Of one message, s."""
+    seed: int = Field(default=1, ge=0, lt=2**63)
+    """Of all that is drawn at random."""
+
+
 class FilterSettings(Settings):
     """All keys of `clt localize`."""
 
@@ -107,3 +130,4 @@ class FilterSettings(Settings):
     received: Received = Received()
     mixture: Mixture = Mixture()
     pf: Pf = Pf()
+    dpf: Dpf = Dpf()

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 from clt.filters.prior import Belief
 from clt.filters.problem import Problem
@@ -34,6 +34,8 @@ class Solution:
     knows only one."""
     memory: object = None
     """What the filter keeps beside its belief, to go on from here as if it had never stopped."""
+    traffic: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+    """Messages and bytes that each robot sent and heard; none of a centralized filter."""
 
 
 Filter = Callable[[Problem, FilterSettings], Solution]

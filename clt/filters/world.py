@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clt.filters import eskf, filterpy_engine, gaussian, mixture, particles, ukf
+from clt.filters import dpf, eskf, filterpy_engine, gaussian, mixture, particles, ukf
 from clt.filters.posterior import Posterior
 from clt.filters.prior import Belief, moments, spread
 from clt.filters.problem import ABSOLUTE, Problem, lay_out
@@ -28,6 +28,7 @@ FILTERS: dict[str, Filter] = {
     "ukf": ukf.solve_ukf,
     "mixture": mixture.solve_mixture,
     "pf": particles.solve_pf,
+    "dpf": dpf.solve_dpf,
 }
 """By the name that `--filter` takes."""
 FILTERPY: dict[str, Filter] = {
@@ -157,6 +158,15 @@ def calibrated(problem: Problem, belief: Belief) -> tuple[str, ...]:
     return tuple(lines)
 
 
+def talk(solution: Solution) -> tuple[str, ...]:
+    """One line for each robot of a distributed filter: what it sent and heard."""
+    return tuple(
+        f"{name} sent {own['messages_sent']} messages, {own['bytes_sent']} bytes, and heard "
+        f"{own['messages_heard']}, {own['bytes_heard']} bytes"
+        for name, own in solution.traffic.items()
+    )
+
+
 def localize(
     recording: Recording,
     start: Start,
@@ -181,10 +191,15 @@ def posterior_of(
         innovations(problem, solution, recording),
         np.array([mean for mean, _ in ends]),
         np.array([covariance for _, covariance in ends]),
-        (*became_unique(problem, solution), *calibrated(problem, solution.belief)),
+        (
+            *became_unique(problem, solution),
+            *calibrated(problem, solution.belief),
+            *talk(solution),
+        ),
         problem.notes,
         (*problem.left_out, *found_again(problem, solution), *ambiguous(problem, solution)),
         lost_robots(problem, solution),
+        solution.traffic,
     )
 
 
