@@ -109,6 +109,7 @@ def with_outliers(recording):
     [
         (lambda recording: recording, Estimator()),
         (lambda recording: recording, EGO),
+        (lambda recording: recording, Estimator("ukf", EGO.view)),
         (lambda recording: recording, Estimator("ekf", parse_view("ego:S1"))),
         (lambda recording: recording, Estimator("ekf", parse_view("mutual:R1,R3"))),
         (floating, Estimator()),
@@ -137,6 +138,20 @@ def test_without_delays_it_is_the_sorted_replay(change, estimator):
     np.testing.assert_array_equal(posterior.innovations.source, expected.innovations.source)
     np.testing.assert_allclose(posterior.innovations.nis, expected.innovations.nis, atol=1e-9)
     np.testing.assert_allclose(posterior.mean, expected.mean, atol=1e-9)
+
+
+@pytest.mark.parametrize("filter_", ["mixture", "pf"])
+def test_filters_of_many_hypotheses_go_on_from_their_beliefs(filter_):
+    recording = delayed(team_recording(seed=13, moving=2, seconds=5.0))
+    start = from_truth(recording, SIGMA)
+    settings = FilterSettings(pf={"particles": 300})
+    estimator = Estimator(filter_, EGO.view)
+    posterior = received.replay(recording, start, settings, estimator)
+    again = received.replay(recording, start, settings, estimator)
+    np.testing.assert_array_equal(posterior.poses["R2"].x, again.poses["R2"].x)
+    gaussian = received.replay(recording, start, settings, EGO)
+    error, least = (distance_error(recording, each, "R2") for each in (posterior, gaussian))
+    assert error < 1.3 * least + 0.02
 
 
 @pytest.mark.parametrize("estimator", [Estimator(), EGO])
