@@ -132,14 +132,14 @@ def advance(
 
 
 @inlined
-def predict_range(
+def range_moments(
     x: Floats, points: Points, lever: Floats, ranges: RangeTable, row: int, measured: Measured,
     j: int,
 ) -> tuple[float, float]:  # fmt: skip
     """Mean and variance of range `row` over the sigma points; its halves to column j."""
     a, b = ranges.a[row], ranges.b[row]
     px, py = ranges.anchor[row, 0], ranges.anchor[row, 1]
-    s, N = points.s, x.size
+    s = points.s
     h = distance_of(x, lever, a, b, px, py)
     # Later pairs differ from the mean in later blocks only.
     pairs = 3 * max(a, b) + 3
@@ -151,7 +151,7 @@ def predict_range(
         measured.odd[k, j], measured.even[k, j] = odd, even
         m += even / s
         variance += odd * odd + even * even
-    for k in range(pairs, N):
+    for k in range(pairs, x.size):
         measured.odd[k, j] = measured.even[k, j] = 0.0
     measured.m[j] = m
     return h + m, variance + points.excess * m * m
@@ -166,7 +166,7 @@ def innovate(
     count = 0
     draw(state.x, state.P, points)
     for row in range(first, last):
-        mean, variance = predict_range(state.x, points, lever, ranges, row, measured, count)
+        mean, variance = range_moments(state.x, points, lever, ranges, row, measured, count)
         r, S = ranges.range[row] - mean, variance + ranges.variance[row]
         verdict = USED if gate <= 0.0 or r * r <= gate * S else REJECTED
         run.residual[row], run.variance[row], run.verdict[row] = r, S, verdict
@@ -205,6 +205,7 @@ def ukf(
     Ranges of one stamp are fused together, before the outputs of that stamp.
     """
     M, O = ranges.stamp.size, outputs.stamp.size  # noqa: E741
+    # As in `eskf`: a literal 0 would compile all that is called with it once more.
     m: int = np.int64(0)  # type: ignore[assignment]
     o, now = m, start
     while m < M or o < O:
@@ -231,19 +232,17 @@ def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:
     """
     form = process_form(problem, settings)
     x, P = problem.mean.astype(np.float64), problem.covariance.astype(np.float64)
-    segments, ranges, outputs = problem.segments, problem.ranges, problem.outputs
-    N = x.size
-    memory = remembered(problem)
-    state = State(x, P, segments.first[:-1].copy(), memory.seen, np.zeros((N, 2)))
-    M, O = ranges.stamp.size, outputs.stamp.size  # noqa: E741
+    segments, ranges, memory = problem.segments, problem.ranges, remembered(problem)
+    state = State(x, P, segments.first[:-1].copy(), memory.seen, np.zeros((x.size, 2)))
+    M, O = ranges.stamp.size, problem.outputs.stamp.size  # noqa: E741
     run = Run(
         np.empty((O, 3)), np.empty((O, 3, 3)),
         np.empty(M), np.empty(M), np.empty(M, np.int64), x, P, memory.seen[:, LOST],
     )  # fmt: skip
     ukf(
-        state, points_of(N, settings.ukf), problem.start, problem.end, problem.space,
-        problem.lever, segments, ranges, outputs, settings.gate, int(settings.reacquire * 1e9),
-        form, measured_of(most_at_once(ranges.stamp), N), run,
+        state, points_of(x.size, settings.ukf), problem.start, problem.end, problem.space,
+        problem.lever, segments, ranges, problem.outputs, settings.gate,
+        int(settings.reacquire * 1e9), form, measured_of(most_at_once(ranges.stamp), x.size), run,
     )  # fmt: skip
     return Solution(
         run.mean, run.covariance, run.residual, run.variance, run.verdict, run.lost, single(x, P),
