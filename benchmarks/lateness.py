@@ -33,8 +33,8 @@ VIEW = View("ego", (EGO,))
 EKF = world.Estimator("ekf", VIEW)
 SIGMA = (0.3, 0.2)
 SCENES = ("araki-semicircles", "araki-five")
-"""Two cars: a scene where lateness decides. In `araki-left-turns` wrong modes of the EKF do: its mean
-over 30 seeds was 0.49 m by stamp, 0.45 m as received, with medians of 0.28 m and 0.26 m."""
+"""Two cars: a scene where lateness decides. In `araki-left-turns` wrong modes of the EKF do: its
+mean over 30 seeds was 0.49 m by stamp, 0.45 m as received, with medians of 0.28 m and 0.26 m."""
 NETWORK = {
     "network.delay_mean": 0.084,
     "network.delay_sd": 0.071,
