@@ -18,11 +18,11 @@ from clt.filters.space import Space
 from clt.filters.splitting import WIDEST, draw, place_row, split
 from clt.streams import Floats
 
-HEADING = 0.2
+HEADING = 0.1
 """Heading whose sine is good enough for driving, rad."""
-BEND = 0.5
+BEND = 0.1
 """Curvature over a Gaussian that is borne, in standard deviations of a range."""
-BENT = 0.2
+BENT = 0.02
 """The same of the way driven."""
 ROUND = 0.5
 """Width along the line of sight that is borne, in distances."""
