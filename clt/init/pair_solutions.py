@@ -28,16 +28,16 @@ from clt.init.pair_likelihood import (
 )
 from clt.streams import Floats
 
-COARSE = 36
+COARSE = 24
 """Cells of the circle to begin with, for each angle."""
 FEW = 7
 """Ranges that the first sweep looks at: all of them can only cost more."""
 MARGIN = 18.0
 """A pose that costs this much more than the best is impossible (chi-square, 3 dof: 4e-4), as far
 as the tracks are exact; see `fakeable`."""
-FINE = 0.8
+FINE = 1.2
 """A cell is done when the square root of the cost changes across half of it by less."""
-TRIALS = 12
+TRIALS = 6
 """Cells from which the best cost is first looked for."""
 MOST = 20_000
 """Cells at most; a posterior that would need more is told in coarser ones."""
