@@ -3,8 +3,11 @@
 The square root of the cost, sqrt(r^T W^-1 r), changes within a cell of directions theta and turns
 phi by no more than its linearization there says, plus what the curvature of ranges may add. The
 circle of both angles is halved again and again; a cell is dropped once that bound shows that it
-holds nothing within the margin of the best, and is done when the cost hardly changes across it. So
-no solution can be missed, whatever the noise. What remains is the posterior, cell by cell.
+holds nothing within the margin of the best, and is done when the cost hardly changes across it. No
+start has to be guessed. What remains is the posterior, cell by cell.
+
+The bound takes W and the best distance d as they are in the middle of the cell; a proof would have
+to bound how both turn with the lines of sight within it.
 """
 
 from __future__ import annotations
