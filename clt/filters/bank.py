@@ -46,7 +46,8 @@ class Bank(NamedTuple):
     mutual: int
     """1 where block 1 is the inverse of block 0."""
     travel: Floats
-    """How far each driver went since its heading was last split, (D,), m; backwards negative."""
+    """How far each driver went since its heading was last split, (D,), m; backwards negative. Kept
+    for a run that goes on (`Solution.memory`)."""
     J: Indices
     """Scratch of a range's two rows, see `kalman.Work`, shape (2, 6)."""
     H: Floats
@@ -75,9 +76,11 @@ def make_bank(belief: Belief, problem: Problem, room: int) -> Bank:
     C, D, B = max(room, K), problem.space.first.size - 1, problem.space.who.size
     log_weight, mean, covariance = np.zeros(C), np.zeros((C, N)), np.zeros((C, N, N))
     log_weight[:K], mean[:K], covariance[:K] = belief
+    memory = problem.memory
+    travel = memory.copy() if isinstance(memory, np.ndarray) else np.zeros(D)
     return Bank(
         log_weight, mean, covariance, np.array([K]), np.full(D, problem.start),
-        problem.segments.first[:-1].copy(), int(is_mutual(problem.space)), np.zeros(D),
+        problem.segments.first[:-1].copy(), int(is_mutual(problem.space)), travel,
         np.zeros((2, 6), np.int64), np.zeros((2, 6)), np.zeros(N),
         np.zeros((B, 2)), np.zeros((B, 2)), np.zeros((N, 2)),
     )  # fmt: skip

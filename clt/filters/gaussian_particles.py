@@ -55,7 +55,7 @@ def solve_gaussian(problem: Problem, settings: FilterSettings) -> Solution:
     )  # fmt: skip
     return Solution(
         trace.mean, trace.covariance, trace.residual, trace.variance, trace.verdict,
-        np.zeros(len(problem.robots), np.int64), belief_of(bank), trace.share,
+        np.zeros(len(problem.robots), np.int64), belief_of(bank), trace.share, memory=bank.travel,
     )  # fmt: skip
 
 

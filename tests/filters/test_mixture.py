@@ -225,7 +225,12 @@ def test_goes_on_where_it_stopped():
     t = 8_000_000_000 + 25_000_000
     early, late = cut(problem, t)
     first = solve_mixture(early, SETTINGS)
-    second = solve_mixture(replace(late, prior=None, belief=first.belief), SETTINGS)
+    kept = {"prior": None, "belief": first.belief, "memory": first.memory}
+    second = solve_mixture(replace(late, **kept), SETTINGS)
+    assert np.all(first.memory != 0.0)
+    assert np.any(
+        second.memory != solve_mixture(replace(late, **kept | {"memory": None}), SETTINGS).memory
+    )
     joined = np.concatenate([first.mean, second.mean])
     sigma = np.sqrt(np.einsum("oii->oi", whole.covariance))
     difference = joined - whole.mean
