@@ -107,6 +107,8 @@ class Network:
         Those who hear the origin get them from it. Where that is not all, every robot with another
         neighbour passes them on once.
         """
+        if group.size == 1:
+            return
         heard = up[np.ix_(group, group)]
         first = group == origin
         direct = bool((heard[first][0] | first).all())

@@ -23,6 +23,7 @@ from clt.filters.dpf_team import (
     exchange_odometry,
     hearing,
     reunite,
+    separate,
 )
 from clt.filters.eskf import REJECTED, USED
 from clt.filters.inputs import Outputs
@@ -64,6 +65,11 @@ def check(problem: Problem, settings: FilterSettings) -> None:
         raise UsageError("--filter dpf estimates relative poses: use --frame ego:NAME")
     if problem.prior is None:
         raise UsageError("--filter dpf has delays of its own (dpf.delay): leave out --as-received")
+    if settings.dpf.likelihood == "shared" and problem.space.calibration >= 0:
+        raise UsageError(
+            "points cannot keep what never changes apart: noise.scale and noise.bias need "
+            "dpf.likelihood=fit"
+        )
     wanted = settings.dpf.iterations * settings.dpf.delay
     if wanted > settings.dpf.interval:
         raise UsageError(
@@ -104,6 +110,8 @@ def meet(team: Team, k: int, since: int, now: int, *, keep: bool) -> Member | No
             members[r].fuse(value, group.size, now)
         resample(team, group, up)
     team.paths[:] = [member.path() for member in members]
+    ends = team.rounds.end
+    separate(team, parts, now, int(ends[k + 1]) if k + 1 < ends.size else team.problem.end)
     return before
 
 
@@ -112,7 +120,7 @@ def message(team: Team, r: int, k: int, now: int) -> Floats:
     rounds, member, trace = team.rounds, team.members[r], team.trace
     first, last = rounds.first[k], rounds.first[k + 1]
     row = first + np.flatnonzero(rounds.owner[first:last] == r)
-    table = at_the_end(team.paths[r], rows(team.problem.ranges, row), now, team.problem)
+    table = at_the_end(team.paths[r], rows(team.problem.ranges, row), now, member.problem)
     h, s = member.distances(table)
     w = np.exp(member.belief.log_weight)
     mean = h @ w

@@ -15,7 +15,7 @@ import numpy as np
 
 from clt.filters.bank import Bank, Trace, belief_of, make_bank, make_trace
 from clt.filters.compiled import lean
-from clt.filters.dpf_rounds import Path, Rounds, rows
+from clt.filters.dpf_rounds import Path, Rounds, rows, unheard
 from clt.filters.inputs import Outputs, RangeTable
 from clt.filters.kalman import projected_variance
 from clt.filters.mixture import ROOM, mixture
@@ -60,6 +60,14 @@ class Gaussians:
         """One that goes its own way."""
         own = (x.copy() if isinstance(x, np.ndarray) else x for x in self.bank)
         return replace(self, bank=Bank._make(own))
+
+    def adopt(self, giver: Gaussians) -> Gaussians:
+        """This robot with the belief of another."""
+        return replace(self, bank=giver.copy().bank)
+
+    def without(self, drivers: Indices, since: int, until: int) -> Gaussians:
+        """This robot, which does not hear some drivers from one time (ns) to another."""
+        return replace(self, problem=unheard(self.problem, drivers, since, until))
 
     def path(self) -> Path:
         """The heaviest Gaussian, as it is now."""

@@ -17,7 +17,7 @@ import numpy as np
 from clt.filters.bank import Trace
 from clt.filters.compiled import lean
 from clt.filters.dpf_motion import Cloud, Drive, advance_all, cut
-from clt.filters.dpf_rounds import Path, Rounds
+from clt.filters.dpf_rounds import Path, Rounds, unheard
 from clt.filters.inputs import Outputs, RangeTable
 from clt.filters.modes import cloud_share, moments
 from clt.filters.prior import Belief, samples
@@ -26,7 +26,7 @@ from clt.filters.ranging import distance_of
 from clt.filters.resampling import ENOUGH, effective
 from clt.filters.settings import FilterSettings
 from clt.filters.space import Space
-from clt.streams import Floats, Indices
+from clt.streams import Floats, Indices, Stamps
 
 STRAY = 0.05
 """Particles of no more weight in all, away from the leading mode, are no other mode."""
@@ -39,6 +39,8 @@ class Points:
     """What one robot holds."""
 
     problem: Problem
+    ends: Stamps
+    """Of the rounds, ns."""
     drive: Drive
     seed: np.uint64
     cloud: Cloud
@@ -57,6 +59,15 @@ class Points:
     def copy(self) -> Points:
         """One that goes its own way."""
         return replace(self, cloud=Cloud._make(array.copy() for array in self.cloud))
+
+    def adopt(self, giver: Points) -> Points:
+        """This robot with the belief of another."""
+        return replace(self, cloud=giver.copy().cloud)
+
+    def without(self, drivers: Indices, since: int, until: int) -> Points:
+        """This robot, which does not hear some drivers from one time (ns) to another."""
+        problem = unheard(self.problem, drivers, since, until)
+        return replace(self, problem=problem, drive=cut(problem.segments, problem.start, self.ends))
 
     def path(self) -> Path:
         """The heaviest particle, as it is now."""
@@ -113,7 +124,7 @@ def points(problem: Problem, settings: FilterSettings, rounds: Rounds) -> Points
     )
     drive = cut(problem.segments, problem.start, rounds.end)
     cloud.cursor[:] = drive.first[:-1]
-    return Points(problem, drive, np.uint64(seed), cloud)
+    return Points(problem, rounds.end, drive, np.uint64(seed), cloud)
 
 
 def copies(points: Points, offset: float) -> Indices | None:

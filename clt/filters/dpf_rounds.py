@@ -7,13 +7,14 @@ odometry adds to a distance in between.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clt.filters.compiled import lean
-from clt.filters.inputs import RangeTable, Segments
+from clt.filters.inputs import GAP_CORRELATION, RangeTable, Segments
 from clt.filters.problem import Problem
 from clt.filters.ranging import distance_of
 from clt.filters.space import Space, move, twist
@@ -54,16 +55,39 @@ def rounds_of(problem: Problem, interval: float) -> Rounds:
     step = max(round(interval * 1e9), 1)
     stop = problem.start - (problem.start - ranges.stamp) // step * step
     end, first = np.unique(np.minimum(stop, problem.end), return_index=True)
-    _, row, link = np.unique(
+    _, row, pair = np.unique(
         np.stack([ranges.a, ranges.b]), axis=1, return_index=True, return_inverse=True
     )
+    order = np.argsort(row)
     return Rounds(
         end,
         np.append(first, ranges.stamp.size),
         np.where(ranges.a >= 0, space.who[np.maximum(ranges.a, 0)], space.base[0]),
-        link.ravel(),
-        RangeTable._make(column[row] for column in ranges),
+        np.argsort(order)[pair.ravel()],
+        RangeTable._make(column[row[order]] for column in ranges),
     )
+
+
+def unheard(problem: Problem, drivers: Indices, since: int, until: int) -> Problem:
+    """The problem as known to a robot that did not hear some drivers from one time (ns) to another.
+
+    Their last twist is held, with an error as large as their twist varies at all (`inputs`).
+    """
+    segments = problem.segments
+    v, omega, interval = segments.v.copy(), segments.omega.copy(), segments.interval.copy()
+    var_v, var_omega = segments.var_v.copy(), segments.var_omega.copy()
+    for d in drivers:
+        first, last = segments.first[d], segments.first[d + 1]
+        low, high = first + np.searchsorted(segments.end[first:last], [since, until])
+        low = min(low + 1, last)
+        own = slice(low, min(high + 1, last))
+        interval[own] = GAP_CORRELATION
+        for twist_, variance in ((v, var_v), (omega, var_omega)):
+            if own.start < own.stop:
+                variance[own] += np.var(twist_[first:last])
+                twist_[own] = twist_[low - 1]
+    known = segments._replace(v=v, omega=omega, interval=interval, var_v=var_v, var_omega=var_omega)
+    return replace(problem, segments=known)
 
 
 def rows(table: RangeTable, which: Indices | Bools | slice) -> RangeTable:

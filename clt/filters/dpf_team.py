@@ -81,12 +81,32 @@ def reunite(team: Team, parts: Sequence[Indices], up: Bools) -> None:
         asks = [int(r) for r in group if team.line[r] != common]
         while len(asks) > 0:
             giver, r = next((i, j) for j in asks for i in knows if up[i, j])
-            team.members[r], team.paths[r] = team.members[giver].copy(), team.paths[giver]
+            team.members[r] = adopted(team.members[r], team.members[giver])
+            team.paths[r] = team.paths[giver]
             team.net.hand_over(giver, r, team.members[r].size)
             knows.append(r)
             asks.remove(r)
         line[group] = group[0]
     team.line[:] = line
+
+
+def adopted(member: Member, giver: Member) -> Member:
+    """A robot with the belief of another; all of a team hold the same kind."""
+    if isinstance(member, Points) and isinstance(giver, Points):
+        return member.adopt(giver)
+    if isinstance(member, Gaussians) and isinstance(giver, Gaussians):
+        return member.adopt(giver)
+    raise TypeError("robots of one team hold beliefs of one kind")
+
+
+def separate(team: Team, parts: Sequence[Indices], since: int, until: int) -> None:
+    """Take from every robot the odometry of those who are not in its group, until a time (ns)."""
+    M = len(team.members)
+    for r in range(M):
+        group = next((group for group in parts if r in group), np.array([r]))
+        if group.size < M:
+            others = np.setdiff1d(np.arange(M), group)
+            team.members[r] = team.members[r].without(others, since, until)
 
 
 def hearing(team: Team) -> Bools:
@@ -116,7 +136,7 @@ def present(problem: Problem, rounds: Rounds) -> Bools:
 def exchange_odometry(team: Team, group: Indices, since: int, now: int, up: Bools) -> None:
     """Count the samples of one round, which all of a group get from each other."""
     segments = team.problem.segments
-    for r in group if group.size > 1 else ():
+    for r in group:
         end = segments.end[segments.first[r] : segments.first[r + 1]]
         low, high = np.searchsorted(end, [since, now], side="right")
         if high > low:
