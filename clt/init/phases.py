@@ -82,14 +82,19 @@ def moving_mean(column: Floats, m: int) -> Floats:
     return np.asarray((total[m:] - total[:-m]) / m)
 
 
+def quiet(odometry: Odometry, noise: OdometryNoise) -> Mask:
+    """Which windows of M samples in a row look like standing still, shape (n - M + 1,)."""
+    m = samples(odometry)
+    found = np.ones(max(odometry.v.size - m + 1, 0), np.bool_)
+    for column, sigma in ((odometry.v, noise.v), (odometry.omega, noise.omega)):
+        found &= moving_mean(column**2, m) < STANDING * sigma**2
+        found &= np.abs(moving_mean(column, m)) < MEAN * sigma / np.sqrt(m)
+    return found
+
+
 def standing(odometry: Odometry, noise: OdometryNoise) -> Mask:
     """Samples of which every window of M says that the robot stands still."""
-    m = samples(odometry)
-    quiet = np.ones(max(odometry.v.size - m + 1, 0), np.bool_)
-    for column, sigma in ((odometry.v, noise.v), (odometry.omega, noise.omega)):
-        quiet &= moving_mean(column**2, m) < STANDING * sigma**2
-        quiet &= np.abs(moving_mean(column, m)) < MEAN * sigma / np.sqrt(m)
-    return _every_window(quiet, m, odometry.v.size)
+    return _every_window(quiet(odometry, noise), samples(odometry), odometry.v.size)
 
 
 def creeps(odometry: Odometry, noise: OdometryNoise, phase: Phase) -> bool:

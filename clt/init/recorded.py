@@ -28,8 +28,8 @@ class RecordedPose(BaseModel):
     stamp_ns: int
 
 
-def from_record(recording: Recording) -> Start | None:
-    """The start that the log's metadata tells, if it does so for a robot with odometry.
+def recorded_poses(recording: Recording) -> dict[str, RecordedPose] | None:
+    """The initial poses in a log's metadata; None where it has none.
 
     Raises LogError for metadata that cannot be read.
     """
@@ -37,9 +37,19 @@ def from_record(recording: Recording) -> Start | None:
     if text is None:
         return None
     try:
-        poses = TypeAdapter(dict[str, RecordedPose]).validate_python(json.loads(text))
+        return TypeAdapter(dict[str, RecordedPose]).validate_python(json.loads(text))
     except (ValidationError, json.JSONDecodeError):
         raise LogError(f"the log's metadata clt.run: `{KEY}` is not a table of poses") from None
+
+
+def from_record(recording: Recording) -> Start | None:
+    """The start that the log's metadata tells, if it does so for a robot with odometry.
+
+    Raises LogError for metadata that cannot be read.
+    """
+    poses = recorded_poses(recording)
+    if poses is None:
+        return None
     names = [name for name in poses if name in recording.team.names]
     stamps = {poses[name].stamp_ns for name in names}
     if len(stamps) != 1 or not any(name in recording.odometry for name in names):

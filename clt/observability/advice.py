@@ -9,9 +9,10 @@ import numpy as np
 from clt.errors import CltError
 from clt.observability.analysis import Analysis, analyse
 from clt.observability.codistribution import Motion
-from clt.observability.reference import has_motion, measured
+from clt.observability.reference import has_motion, measured, positions_told
 from clt.observability.setup import Node, Setup
-from clt.streams import Floats, Indices, Odometry, Ranges, Recording
+from clt.observability.track import twist, twist_of
+from clt.streams import Floats, Indices, Ranges, Recording
 
 SPEED, TURN = 0.02, 0.01
 """Below these root mean squares a robot neither drives nor turns, m/s and rad/s."""
@@ -54,12 +55,13 @@ def setup_of(recording: Recording, placed: Collection[str] = (), frame: str = "w
     """
     kind, _, names = frame.partition(":")
     chosen = names.split(",") if kind == "mutual" else list(recording.team.names)
+    told = positions_told(recording)
     nodes: list[Node] = []
     place: dict[int, int] = {}
     for k, robot in enumerate(recording.team.robots):
         if robot.name not in chosen or not (robot.static or has_motion(recording, robot)):
             continue
-        known = robot.static and (robot.position is not None or robot.name in placed)
+        known = robot.static and (robot.name in told or robot.name in placed)
         place[k] = len(nodes)
         motion = Motion.FREE if robot.static else motion_of(recording, robot.name)
         nodes.append(Node(robot.name, robot.static, known and kind == "world", motion))
@@ -85,14 +87,8 @@ def pairs_of(ranges: Ranges, robots: int) -> Indices:
 
 def motion_of(recording: Recording, name: str) -> Motion:
     """Whether a robot drove and turned at all, by its odometry, else by its estimate."""
-    if name in recording.odometry:
-        twist: Odometry = recording.odometry[name]
-        v, omega = twist.v, twist.omega
-    else:
-        poses = recording.estimate[name]
-        dt = np.maximum(np.diff(poses.stamp) * 1e-9, 1e-6)
-        v = np.hypot(np.diff(poses.x), np.diff(poses.y)) / dt
-        omega = np.diff(np.unwrap(poses.heading)) / dt
+    odometry = twist(recording, name) or twist_of(recording.estimate[name])
+    v, omega = odometry.v, odometry.omega
     if rises(omega, TURN):
         return Motion.FREE if rises(v, SPEED) else Motion.REST
     if not rises(v, SPEED):

@@ -17,7 +17,9 @@ from clt.filters.inputs import (
     robot_segments,
 )
 from clt.filters.settings import Noise
+from clt.init.recorded import recorded_poses
 from clt.init.start import period
+from clt.observability.track import Track, track
 from clt.streams import Floats, Poses, Ranges, Recording, Robot, Stamps
 
 LEAST_PERIOD = 1e-3
@@ -52,15 +54,20 @@ class Reference:
 
 def reference_of(recording: Recording, noise: Noise, dt: float) -> Reference:
     """Lay out a recording for analysis. Raises CltError where there is no trajectory."""
-    source, tracks = trajectories(recording)
+    source, usable = trajectories(recording)
     team = recording.team
+    tracks = {
+        robot.name: track(recording, robot, usable[robot.name], noise)
+        for robot in team.robots
+        if robot.name in usable
+    }
     notes: list[str] = []
     places = {
         robot.name: place
         for robot in team.static
         if (place := _place(recording, robot, source)) is not None
     }
-    told = {robot.name for robot in team.static if robot.position is not None}
+    told = positions_told(recording)
     known = {name: place for name, place in places.items() if name in told}
     state = tuple(
         robot
@@ -73,8 +80,8 @@ def reference_of(recording: Recording, noise: Noise, dt: float) -> Reference:
     missing = [r.name for r in team.robots if r not in state and r.name not in [*known, *still]]
     if len(missing) > 0:
         notes.append(f"no {source.replace('_', ' ')} of {', '.join(missing)}: left out of windows")
-    begin = max(int(track.stamp[0]) for track in tracks.values())
-    end = min(int(track.stamp[-1]) for track in tracks.values())
+    begin = max(int(poses.stamp[0]) for poses in usable.values())
+    end = min(int(poses.stamp[-1]) for poses in usable.values())
     steps = int((end - begin) * 1e-9 / dt + 1e-6)
     if steps < 1:
         raise CltError(f"the {source} of all robots overlaps for less than {dt} s")
@@ -83,7 +90,7 @@ def reference_of(recording: Recording, noise: Noise, dt: float) -> Reference:
     spread = np.zeros((len(state), steps, 2))
     for i, robot in enumerate(state):
         if not robot.static:
-            spread[i], said = _noise(recording, robot, tracks[robot.name], noise, edges)
+            spread[i], said = _noise(recording, robot, usable[robot.name], noise, edges)
             notes += said
     index = {team.index(robot.name): i for i, robot in enumerate(state)}
     anchors = {team.index(name): np.array(place) for name, place in known.items()}
@@ -94,6 +101,21 @@ def reference_of(recording: Recording, noise: Noise, dt: float) -> Reference:
         [_antenna(end, table, state, tracks, places) for end in (table.a, table.b)], axis=1
     )
     return Reference(source, state, known, begin, dt, pose, spread, table, ends, (*notes, *assumed))
+
+
+def positions_told(recording: Recording) -> frozenset[str]:
+    """Static robots of known position.
+
+    Empty where ranges made the frame (Shi): there the first one is the origin by choice, and of the
+    second only the distance is a question. A result log's initial poses tell it.
+    """
+    static = recording.team.static
+    start = recorded_poses(recording) or {}
+    if len(static) > 1 and all(robot.name in start for robot in static[:2]):
+        first, second = (np.array(start[robot.name].covariance) for robot in static[:2])
+        if not first.any() and second[0, 0] > 0.0 and second[1, 1] == 0.0:
+            return frozenset()
+    return frozenset(robot.name for robot in static if robot.position is not None)
 
 
 def has_motion(recording: Recording, robot: Robot) -> bool:
@@ -146,21 +168,18 @@ def _place(recording: Recording, robot: Robot, source: str) -> tuple[float, floa
 
 def _pose(
     robot: Robot,
-    tracks: Mapping[str, Poses],
+    tracks: Mapping[str, Track],
     places: Mapping[str, tuple[float, float]],
     at: Stamps,
 ) -> Floats:
     """Pose of a robot at stamps, shape (stamps, 3); a static one has no heading."""
     if robot.name not in tracks:
         return np.tile([*places[robot.name], 0.0], (at.size, 1))
-    poses = tracks[robot.name]
-    time, t = (at - poses.stamp[0]) * 1e-9, (poses.stamp - poses.stamp[0]) * 1e-9
-    columns = (poses.x, poses.y, np.unwrap(poses.heading))
-    return np.stack([np.interp(time, t, column) for column in columns], axis=1)
+    return tracks[robot.name].at(at)
 
 
 def _noise(
-    recording: Recording, robot: Robot, track: Poses, noise: Noise, edges: Stamps
+    recording: Recording, robot: Robot, poses: Poses, noise: Noise, edges: Stamps
 ) -> tuple[Floats, list[str]]:
     """Variance that each step adds along the heading and to it, shape (steps, 2)."""
     dt = np.diff(edges)[:, None] * 1e-9
@@ -184,7 +203,7 @@ def _noise(
             f"m/s and {DEFAULT_SIGMA_OMEGA} rad/s; set noise.sigma_v and noise.sigma_omega"
         )
         sigma = np.where(np.isnan(sigma), [DEFAULT_SIGMA_V, DEFAULT_SIGMA_OMEGA], sigma)
-    interval = max(period(track.stamp) * 1e-9, LEAST_PERIOD)
+    interval = max(period(poses.stamp) * 1e-9, LEAST_PERIOD)
     return np.square(sigma) * interval * dt, assumed
 
 
@@ -206,7 +225,7 @@ def _antenna(
     ends: np.ndarray[tuple[int], np.dtype[np.int64]],
     table: RangeTable,
     state: tuple[Robot, ...],
-    tracks: Mapping[str, Poses],
+    tracks: Mapping[str, Track],
     places: Mapping[str, tuple[float, float]],
 ) -> Floats:
     """Where one end's antenna was at each range, shape (ranges, 2)."""

@@ -185,3 +185,17 @@ def test_packets_are_ranged_first(tmp_path, monkeypatch):
     result = CliRunner().invoke(app, ["observability", "raw.mcap", "--json"])
     told = json.loads(result.stdout)
     assert (told["dimension"], told["rank"]) == (13, 13)
+
+
+def test_a_result_in_a_frame_of_ranges_is_asked_in_that_frame(tmp_path):
+    raw, out = tmp_path / "raw.mcap", tmp_path / "out.mcap"
+    with raw.open("wb") as file:
+        save(file, simulate(load_scenario("shi-three", {"duration": 25.0})), {})
+    words = ["localize", str(raw), "-o", str(out), "--init", "motion"]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    before, after = (json.loads(clt(log, "--json").stdout) for log in (raw, out))
+    assert (before["source"], after["source"]) == ("truth", "estimate")
+    for found in (before, after):
+        assert (found["dimension"], found["rank"]) == (7, 7)
+        assert found["windows"][-1]["rank"] == 7
+    assert "R1 and R2 span" in clt(out).stdout
