@@ -65,7 +65,7 @@ def from_motion(recording: Recording, settings: FilterSettings) -> Initializatio
     """
     team = recording.team
     if len(team.moving) == 0 and len(team.static) > 0:
-        return laid_out(recording, settings)
+        return from_static(recording, settings)
     moving = [robot.name for robot in team.moving if robot.name in recording.odometry]
     if len(moving) == 0:
         raise CltError("no moving robot has odometry: there is nothing to initialize")
@@ -197,15 +197,3 @@ def statuses(tried: Attempt, doubt: str) -> dict[str, RobotStatus]:
         if len(one.candidates) == 0
     }
     return told
-
-
-def laid_out(recording: Recording, settings: FilterSettings) -> Initialization:
-    """The positions of a team that stands still throughout."""
-    begin, poses, surveyed, notes = from_static(recording, settings)
-    robots = {
-        name: unobservable("too few ranges to place it")
-        if pose is None
-        else RobotStatus("ok", pose)
-        for name, pose in poses.items()
-    }
-    return Initialization(begin, surveyed, robots, notes)

@@ -10,22 +10,25 @@ import numpy as np
 
 from clt.errors import CltError
 from clt.filters.settings import FilterSettings
-from clt.init.frame import apart, on_one_line
-from clt.init.layout import Layout, lay_out
+from clt.init.frame import apart, on_one_line, widest_pair
+from clt.init.layout import Layout, lay_out, mirrored
+from clt.init.outcome import TOO_FEW
 from clt.init.pairs import mean_distances
 from clt.init.start import InitialPose
-from clt.streams import Recording
+from clt.init.status import Alternative, Initialization, RobotStatus, unobservable
+from clt.streams import Floats, Recording
 
 MIRROR = "ranges alone do not tell this layout from its mirror image"
+DISTINCT = 0.02
+"""A place and its mirror image nearer than this, or within three sigma, are one, m."""
 
 
-def from_static(
-    recording: Recording, settings: FilterSettings
-) -> tuple[int, dict[str, InitialPose | None], bool, tuple[str, ...]]:
-    """Positions of a team of static robots: stamp (ns), poses, whether surveyed, and notes.
+def from_static(recording: Recording, settings: FilterSettings) -> Initialization:
+    """Positions of a team of static robots, at its first range.
 
-    Headings stand at 0, as for every static robot; None where too few ranges place a robot.
-    Raises CltError where no two robots measured each other.
+    Headings stand at 0, as for every static robot. In Shi's frame the side is a convention; beside
+    the line of surveyed robots it is not, and who stands there is ambiguous. Raises CltError where
+    no two robots measured each other.
     """
     team, stamp = recording.team, recording.ranges.stamp
     known = {i: np.array(r.position) for i, r in enumerate(team.robots) if r.position is not None}
@@ -37,7 +40,6 @@ def from_static(
     begin = int(stamp[0])
     pairs = mean_distances(recording, range(count), begin - 1, int(stamp[-1]), settings.noise)
     found = lay_out(pairs, count, known)
-    poses = {name: _pose(found, i) if found.rigid[i] else None for i, name in enumerate(team.names)}
     off = float(np.sqrt(np.mean(found.residual[found.used] ** 2)))
     notes = [f"the layout misses {int(found.used.sum())} mean distances by {off:.3f} m rms"]
     if (left := int(np.count_nonzero(~found.used))) > 0:
@@ -45,7 +47,21 @@ def from_static(
     on_a_line = not surveyed or on_one_line(list(known.values()))
     if on_a_line and count > max(len(known), 2):
         notes.append(MIRROR)
-    return begin, poses, surveyed, tuple(notes)
+    axis = widest_pair(list(known.values())) if surveyed and on_a_line else None
+    robots = {name: _status(found, i, axis) for i, name in enumerate(team.names)}
+    return Initialization(begin, surveyed, robots, tuple(notes))
+
+
+def _status(layout: Layout, i: int, axis: tuple[Floats, Floats] | None) -> RobotStatus:
+    """One robot; its mirror image at the `axis`, two points (2,), is as good."""
+    if not layout.rigid[i]:
+        return unobservable(TOO_FEW)
+    pose = _pose(layout, i)
+    image = pose.mean[:2] if axis is None else mirrored(pose.mean[:2], *axis)
+    if np.hypot(*(image - pose.mean[:2])) < DISTINCT + 3.0 * np.sqrt(np.trace(pose.covariance)):
+        return RobotStatus("ok", pose)
+    why = f"{MIRROR}; give the position of a robot beside the line of the others"
+    return RobotStatus("ambiguous", pose, 0.5, why, (Alternative(np.append(image, 0.0), 0.5),))
 
 
 def _pose(layout: Layout, i: int) -> InitialPose:

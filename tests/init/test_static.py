@@ -52,8 +52,22 @@ def test_known_positions_hold_the_frame() -> None:
     last = found.robots["R3"].pose
     assert last is not None
     assert last.mean[:2] == pytest.approx([6.5, -2.0], abs=0.01)
-    two = from_motion(standing({i: shifted[i] for i in (0, 1)}), FilterSettings())
-    assert MIRROR in two.notes
+
+
+def test_beside_the_line_of_two_known_robots_a_place_is_ambiguous() -> None:
+    shifted = {i: (float(x) + 5.0, float(y) - 3.0) for i, (x, y) in enumerate(PLACES[:2])}
+    found = from_motion(standing(shifted), FilterSettings())
+    assert MIRROR in found.notes
+    assert [robot.status for robot in found.robots.values()] == ["ok", "ok"] + 2 * ["ambiguous"]
+    for name, (x, y) in zip(("R2", "R3"), PLACES[2:], strict=True):
+        robot = found.robots[name]
+        assert robot.pose is not None
+        sides = [robot.pose.mean[:2], robot.alternatives[0].mean[:2]]
+        sides.sort(key=lambda side: -float(side[1]))
+        assert sides[0] == pytest.approx([x + 5.0, y - 3.0], abs=0.01)
+        assert sides[1] == pytest.approx([x + 5.0, -y - 3.0], abs=0.01)
+        assert robot.probability == robot.alternatives[0].probability == 0.5
+    assert set(found.start.poses) == {"R0", "R1"}
 
 
 def test_too_few_ranges() -> None:
