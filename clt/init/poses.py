@@ -15,14 +15,16 @@ from clt.settings import Settings, nearest, parse
 from clt.streams import WORLD, Recording
 
 Sigma = Annotated[float, Field(ge=0)]
+Metres = Annotated[float, Field(ge=-1e7, le=1e7)]
 
 
 class GivenPose(Settings):
     """One robot: metres and radians in `world` or the frame of the ego."""
 
-    x: float
-    y: float
-    heading: float = 0.0
+    x: Metres
+    y: Metres
+    heading: float | None = None
+    """A moving robot must have one."""
     sigma: tuple[Sigma, Sigma, Sigma] | None = None
     """Standard deviations of x, y (m) and heading (rad); a static robot without is certain."""
 
@@ -39,7 +41,7 @@ def from_poses(
     `sigma` (m, m, rad) holds for a moving robot whose table gives none. Static robots that the
     file leaves out keep their known position. A file without a table for the `ego` gives poses
     relative to it, and no other robot has one then. Raises UsageError for a robot that the log
-    does not have, CltError where no moving robot is given.
+    does not have or a moving one without heading, CltError where no moving robot is given.
     """
     team = recording.team
     poses: dict[str, InitialPose] = {}
@@ -57,11 +59,14 @@ def from_poses(
             raise UsageError(f"{source}: `{name}` must be a table: [{name}] with x, y, heading")
         given = parse(GivenPose, table, f"{source}: [{name}]")
         static = team.robots[team.index(name)].static
+        if given.heading is None and not static:
+            raise UsageError(f"{source}: [{name}]: a moving robot needs a `heading`, rad")
+        heading = 0.0 if given.heading is None else float(wrap(np.asarray(given.heading)))
         spread = given.sigma if given.sigma is not None else (0.0, 0.0, 0.0) if static else sigma
         if static:
             spread = (spread[0], spread[1], 0.0)
         poses[name] = InitialPose(
-            np.array([given.x, given.y, float(wrap(np.asarray(given.heading)))]),
+            np.array([given.x, given.y, heading]),
             np.diag(np.square(np.asarray(spread))),
         )
     begin = [odometry_begin(recording, name) for name in poses if name in recording.odometry]

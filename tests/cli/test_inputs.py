@@ -25,7 +25,8 @@ from clt.settings import parse, read_toml
 from clt.streams import Attachment, Recording, Team
 
 SCENARIO = 'name = "mine"\nduration = 3\n[team]\nmoving = 2\nstatic = 2\n'
-POSES = "[R3]\nx = 6\ny = 6\nsigma = [4, 4, 2]\n[R4]\nx = 6\ny = 6\nsigma = [4, 4, 2]\n"
+POSE = "x = 6\ny = 6\nheading = 0\nsigma = [4, 4, 2]\n"
+POSES = f"[R3]\n{POSE}[R4]\n{POSE}"
 CALIBRATION = "[range]\ngain = 1.0\noffset = 0.25\n[odometry.R3]\nscale = 1.5\n"
 STREAMS = """\
 [robots]
@@ -273,7 +274,7 @@ def test_the_newest_document_of_a_role_is_the_one(tmp_path):
 
 
 def test_what_leads_to_exit_code_3_is_said_even_with_q(clt):
-    Path("one.toml").write_text("[R3]\nx = 6\ny = 6\nsigma = [4, 4, 2]\n")
+    Path("one.toml").write_text("[R3]\nx = 6\ny = 6\nheading = 0\nsigma = [4, 4, 2]\n")
     code, out, err = clt("localize h.mcap --init one.toml -q -o out.mcap")
     assert (code, out) == (3, "")
     assert "clt: warning: R4 has no initial pose: not localized\n" in err

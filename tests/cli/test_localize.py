@@ -231,7 +231,7 @@ def test_truth_is_needed_only_to_start_from_it(clt, tmp_path, poses):
 
 
 def test_a_robot_without_a_pose_is_named_and_the_others_are_localized(clt, tmp_path):
-    (tmp_path / "one.toml").write_text("[R3]\nx = 6\ny = 6\nsigma = [4, 4, 2]\n")
+    (tmp_path / "one.toml").write_text("[R3]\nx = 6\ny = 6\nheading = 0\nsigma = [4, 4, 2]\n")
     code, out, err = clt(*LOCALIZE, "--init", "one.toml", "--json")
     assert code == 3
     assert "clt: warning: R4 has no initial pose: not localized\n" in err

@@ -17,9 +17,11 @@ def given(text):
 
 
 def test_poses_hold_at_the_beginning_of_the_odometry_of_those_given():
-    start = given("[R1]\nx = 1\ny = -2.5\nheading = 3.0\n[R2]\nx = 0\ny = 0")
+    start = given(
+        "[R1]\nx = 1\ny = -2.5\nheading = 3.0\n[R2]\nx = 0\ny = 0\nheading = 0"
+    )
     assert start.stamp == BEGIN + SECOND
-    assert given("[R1]\nx = 1\ny = 2").stamp == BEGIN
+    assert given("[R1]\nx = 1\ny = 2\nheading = 0").stamp == BEGIN
     assert start.poses["R1"].mean.tolist() == [1.0, -2.5, 3.0]
     assert start.poses["R2"].mean.tolist() == [0.0, 0.0, 0.0]
 
@@ -30,23 +32,25 @@ def test_headings_are_brought_onto_the_circle():
 
 
 def test_sigma_of_the_file_or_of_the_settings():
-    start = given("[R1]\nx = 0\ny = 0\nsigma = [0.5, 0.6, 0.7]\n[R2]\nx = 0\ny = 0")
+    start = given(
+        "[R1]\nx = 0\ny = 0\nheading = 0\nsigma = [0.5, 0.6, 0.7]\n[R2]\nx = 0\ny = 0\nheading = 0"
+    )
     np.testing.assert_allclose(start.poses["R1"].covariance, np.diag([0.25, 0.36, 0.49]))
     np.testing.assert_allclose(start.poses["R2"].covariance, np.diag(np.square(SIGMA)))
 
 
 def test_static_robots_keep_their_known_position_unless_the_file_tells_another():
-    kept = given("[R1]\nx = 0\ny = 0").poses
+    kept = given("[R1]\nx = 0\ny = 0\nheading = 0").poses
     assert set(kept) == {"R1", "A1"}
     assert kept["A1"].mean.tolist() == [1.0, 2.0, 0.0]
-    moved = given("[R1]\nx = 0\ny = 0\n[A1]\nx = 5\ny = 6\n[A2]\nx = 7\ny = 8").poses
+    moved = given("[R1]\nx = 0\ny = 0\nheading = 0\n[A1]\nx = 5\ny = 6\n[A2]\nx = 7\ny = 8").poses
     assert moved["A1"].mean.tolist() == [5.0, 6.0, 0.0]
     assert moved["A2"].mean.tolist() == [7.0, 8.0, 0.0]
     assert not moved["A1"].covariance.any()
 
 
 def test_a_static_robot_may_be_uncertain_but_has_no_heading_to_find():
-    start = given("[R1]\nx = 0\ny = 0\n[A2]\nx = 7\ny = 8\nsigma = [0.5, 0.4, 0.3]")
+    start = given("[R1]\nx = 0\ny = 0\nheading = 0\n[A2]\nx = 7\ny = 8\nsigma = [0.5, 0.4, 0.3]")
     np.testing.assert_allclose(start.poses["A2"].covariance, np.diag([0.25, 0.16, 0.0]))
 
 
@@ -56,6 +60,8 @@ def test_a_static_robot_may_be_uncertain_but_has_no_heading_to_find():
         ("[R11]\nx = 0\ny = 0", r"^poses.toml: no robot `R11` in the log, did you mean `R1`\?$"),
         ("[zebra]\nx = 0\ny = 0", r"no robot `zebra` in the log; known: A1, A2, R1, R2$"),
         ("R1 = 3", r"`R1` must be a table: \[R1\] with x, y, heading"),
+        ("[R1]\nx = 0\ny = 0", r"\[R1\]: a moving robot needs a `heading`, rad$"),
+        ("[R1]\nx = 1e308\ny = 0", r"\[R1\]: `x`: .*less than or equal"),
         ("[R1]\nx = 0", r"^poses.toml: \[R1\]: `y`: Field required$"),
         ("[R1]\nx = 'far'\ny = 0", r"\[R1\]: `x`: .*valid number"),
         ("[R1]\nx = nan\ny = 0", r"\[R1\]: `x`: .*finite"),
