@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clt.filters import world
 from clt.filters.posterior import Posterior
@@ -17,7 +18,7 @@ from clt.filters.space import View
 from clt.geometry import relative_pose, wrap
 from clt.init.start import InitialPose, Start
 from clt.init.truth import from_truth
-from clt.metrics.associate import SECOND, interpolate
+from clt.metrics.associate import SECOND, as_array, interpolate
 from clt.streams import Floats, Poses, Recording, Stamps
 
 MAX_GAP = 0.2
@@ -60,6 +61,16 @@ def relative_truth(recording: Recording, ego: str, other: str, at: Stamps) -> Fl
     return relative
 
 
+def covered(recording: Recording, names: tuple[str, str], at: Stamps) -> NDArray[np.bool_]:
+    """Which stamps (n,) the truth of both robots reaches.
+
+    Clocks that are wrong let estimates begin before the truth, or end after it.
+    """
+    tracks = [recording.truth[name].stamp for name in names]
+    begin, end = max(stamp[0] for stamp in tracks), min(stamp[-1] for stamp in tracks)
+    return (at >= begin) & (at <= end)
+
+
 @dataclass(frozen=True)
 class RelativeScore:
     """Errors of one relative trajectory, root mean square over time."""
@@ -88,9 +99,10 @@ def score(square: Floats, turned: Floats, stamp: Stamps) -> RelativeScore:
 def score_estimate(recording: Recording, poses: Poses, other: str) -> RelativeScore:
     """An estimate in the frame of a robot against the truth."""
     ego = poses.frame.removesuffix("/base_link")
-    truth = relative_truth(recording, ego, other, poses.stamp)
-    square = (poses.x - truth[:, 0]) ** 2 + (poses.y - truth[:, 1]) ** 2
-    return score(square, wrap(poses.heading - truth[:, 2]) ** 2, poses.stamp)
+    at = covered(recording, (ego, other), poses.stamp)
+    stamp, estimate = poses.stamp[at], as_array(poses)[at]
+    d = estimate - relative_truth(recording, ego, other, stamp)
+    return score(np.sum(d[:, :2] ** 2, axis=1), wrap(d[:, 2]) ** 2, stamp)
 
 
 def score_bound(poses: Poses) -> RelativeScore:
