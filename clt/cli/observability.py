@@ -160,7 +160,7 @@ def described(told: dict[str, int | None], frame: str, conditions: dict[str, str
     if name is not None and known > 0:
         raise UsageError("--known: positions in the world mean nothing in the frame of a robot")
     chosen = {
-        option: named(option, text, everyone if option == "--in-line" else movers)
+        option: named(option, text, movers, everyone[moving:], lines=option == "--in-line")
         for option, text in conditions.items()
     }
     for option in ("--parallel", "--in-line"):
@@ -190,18 +190,26 @@ def described(told: dict[str, int | None], frame: str, conditions: dict[str, str
     return setup
 
 
-def named(option: str, text: str, known: list[str]) -> list[str]:
-    """The robots of a list of names, or all. Raises UsageError for a stranger."""
+def named(
+    option: str, text: str, moving: list[str], static: list[str], *, lines: bool
+) -> list[str]:
+    """The robots of a list of names, or all; static ones too where `lines` are asked about.
+
+    Raises UsageError for a stranger.
+    """
     from clt.errors import UsageError
     from clt.settings import nearest
 
+    known = [*moving, *static] if lines else moving
     if text == "all":
         return known
     names = [name.strip() for name in text.split(",") if name.strip() != ""]
     for name in names:
+        if name not in known and name in static:
+            raise UsageError(f"{option} {name}: {name} is static: it stands still anyway")
         if name not in known:
             raise UsageError(f"{option} {name}: no such robot{nearest(name, known)}")
-    return names
+    return list(dict.fromkeys(names))
 
 
 def ego_of(frame: str, moving: list[str]) -> str | None:

@@ -17,6 +17,7 @@ from clt.errors import UsageError
 from clt.filters.compiled import inlined, lean
 from clt.filters.unicycle import arc
 from clt.geometry import relative_pose, rotation
+from clt.settings import nearest
 from clt.streams import Floats, Indices
 
 WORLD = -1
@@ -52,7 +53,10 @@ def parse_view(text: str) -> View:
     """`world`, `ego:NAME` or `mutual:A,B`. Raises UsageError for anything else."""
     kind, colon, rest = text.partition(":")
     names = tuple(rest.split(",")) if colon else ()
-    wanted = {"world": 0, "ego": 1, "mutual": 2}.get(kind)
+    counts = {"world": 0, "ego": 1, "mutual": 2}
+    wanted = counts.get(kind)
+    if wanted is None:
+        raise UsageError(f"--frame {text}: unknown{nearest(kind, counts)}")
     if wanted != len(names) or "" in names or len(set(names)) != len(names):
         raise UsageError(f"--frame {text}: not world, ego:NAME or mutual:A,B")
     return View(kind, names)

@@ -79,6 +79,8 @@ def recover(
     frames, team = recording.frames, recording.team
     if frames.stamp.size == 0:
         raise CltError("no UWB packets found on /ROBOT/uwb/frame; nothing to range")
+    if len(team.robots) < 2:
+        raise CltError(f"UWB packets of {team.names[0]} alone: nobody to range with")
     network = unwrap(frames)
     R = stamp_variance(network, sigma)
     dt = period(network, frames.stamp)

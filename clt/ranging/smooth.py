@@ -17,24 +17,24 @@ from clt.streams import Floats, Ranges
 def smooth(ranges: Ranges, robots: int, length: int, tau: float) -> tuple[Ranges, float]:
     """Each range replaced by the weighted mean of the pair's latest `length` (fewer at first).
 
-    `tau` is the correlation time (s) of the errors; returns also that of the means.
+    `tau` is the correlation time (s) of the errors; returns also that of the means, as the pair
+    with the most ranges has it.
     """
     value, sigma = ranges.range.copy(), ranges.sigma.copy()
-    factor, period = 1.0, 0.0
     pair = ranges.source * robots + ranges.target
+    most, after = 0, tau
     for number in np.unique(pair):
         rows = np.flatnonzero(pair == number)
         period = float(np.median(np.diff(ranges.stamp[rows]))) * 1e-9 if rows.size > 1 else 0.0
-        rho = np.exp(-period / tau) if tau > 0.0 and period > 0.0 else 0.0
-        most = min(length, rows.size)
-        factors = np.array([_variance(_weights(n), rho) for n in range(1, most + 1)])
-        count = np.minimum(np.arange(rows.size), most - 1)
-        value[rows] = _means(ranges.range[rows], most)
+        rho = float(np.exp(-period / tau)) if tau > 0.0 and period > 0.0 else 0.0
+        longest = min(length, rows.size)
+        factors = variances(longest, rho)
+        count = np.minimum(np.arange(rows.size), longest - 1)
+        value[rows] = _means(ranges.range[rows], longest)
         sigma[rows] = ranges.sigma[rows] * np.sqrt(factors[count])
-        factor = float(factors[-1])
-    rho = np.exp(-period / tau) if tau > 0.0 and period > 0.0 else 0.0
-    white = (1.0 + rho) / (1.0 - rho)
-    after = correlation_time(white, factor, period) if period > 0.0 else tau
+        if rows.size > most and period > 0.0:
+            most = rows.size
+            after = correlation_time((1.0 + rho) / (1.0 - rho), float(factors[-1]), period)
     return replace(ranges, range=value, raw=value, sigma=sigma), after
 
 
@@ -44,10 +44,17 @@ def _weights(length: int) -> Floats:
     return np.asarray(falling / falling.sum())
 
 
-def _variance(weights: Floats, rho: float) -> float:
-    """Of the mean of unit errors whose correlation is rho ** lag."""
-    lag = np.abs(np.subtract.outer(np.arange(weights.size), np.arange(weights.size)))
-    return float(weights @ (rho ** lag.astype(np.float64)) @ weights)
+def variances(longest: int, rho: float) -> Floats:
+    """Of the means of 1 .. longest unit errors whose correlation is rho ** lag, shape (longest,).
+
+    With unnormalized weights k = 1, 2, ... from the oldest on, one more error of weight n adds
+    n^2 + 2 n c_n, where c_n = sum over k < n of k rho^(n - k) = rho (c_{n-1} + n - 1).
+    """
+    n = np.arange(1, longest + 1, dtype=np.float64)
+    carried = np.zeros(longest)
+    for k in range(1, longest):
+        carried[k] = rho * (carried[k - 1] + k)
+    return np.asarray(np.cumsum(n**2 + 2.0 * n * carried) / (0.5 * n * (n + 1.0)) ** 2)
 
 
 def _means(values: Floats, length: int) -> Floats:

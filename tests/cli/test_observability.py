@@ -101,6 +101,8 @@ def test_people_are_told_directions_images_and_remedies():
         (("--moving", 0), "no pose is unknown"),
         (("--moving", 1, "--frame", "ego"), "no pose is unknown"),
         (("--moving", 3, "--parallel", "R2"), "two robots at least"),
+        (("--moving", 3, "--parallel", "R2,R2"), "two robots at least"),
+        (("--moving", 3, "--static", 1, "--at-rest", "S1"), "S1 is static"),
         (("--moving", 3, "--steady", "all", "--at-rest", "R2"), "--at-rest: R2"),
         (("--moving", 1, "-o", "x.png"), "-o"),
         (("--moving", 1, "--set", "noise.sigma_range=0.1"), "--set"),

@@ -5,7 +5,7 @@ import pytest
 
 from clt.errors import CltError
 from clt.ranging.recover import GRAIN, recover
-from clt.ranging.smooth import smooth
+from clt.ranging.smooth import smooth, variances
 from clt.streams import Ranges, Recording
 from tests.ranging.networks import errors, network, settled
 
@@ -117,8 +117,31 @@ def test_weights_of_smoothing():
     assert spread[-1] * (1 + rho) / (1 - rho) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("rho", [0.0, 0.4, 0.99])
+def test_the_variance_of_smoothed_errors(rho):
+    found = variances(60, rho)
+    for n in (1, 2, 5, 60):
+        falling = np.arange(n, 0, -1) / (n * (n + 1) / 2)
+        lag = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+        assert found[n - 1] == pytest.approx(falling @ rho ** lag.astype(float) @ falling)
+
+
+def test_smoothing_is_told_by_the_pair_with_the_most_ranges():
+    recording = network(4.0, trajectory={"kind": "stand"})
+    plain = recover(recording, "clock")
+    ranges, tau = plain.recording.ranges, plain.correlation_time
+    last = (ranges.source == ranges.source.max()) & (ranges.target == ranges.target.max())
+    keep = ~last | (np.cumsum(last) <= 3)
+    fewer = Ranges(**{name: column[keep] for name, column in vars(ranges).items()})
+    assert smooth(fewer, 5, 20, tau)[1] == pytest.approx(smooth(ranges, 5, 20, tau)[1], rel=0.01)
+
+
 def test_nothing_to_range():
     recording = network(2.0)
+    alone = network(2.0, team__moving=1, team__static=0)
+    for method in ("auto", "clock", "double-sided"):
+        with pytest.raises(CltError, match=r"^UWB packets of R1 alone: nobody to range with$"):
+            recover(alone, method)
     with pytest.raises(CltError, match="no UWB packets found"):
         recover(Recording(recording.team))
     deaf = replace(recording.frames, heard=np.full_like(recording.frames.heard, -1))
