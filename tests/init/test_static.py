@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from clt.cli.app import app
 from clt.errors import CltError
 from clt.filters.settings import FilterSettings
+from clt.init.frame import survey
 from clt.init.motion import from_motion
 from clt.init.static import MIRROR
 from clt.log.save import save
@@ -97,3 +98,14 @@ def test_command_needs_no_odometry(tmp_path: Path) -> None:
     refused = CliRunner().invoke(app, ["localize", str(log), "-o", str(tmp_path / "out.mcap")])
     assert refused.exit_code == 1
     assert "no odometry found" in refused.stderr
+
+
+def test_the_mirror_image_of_a_layout_has_the_mirrored_covariance() -> None:
+    recording = standing({}, lost=((2, 3),))
+    found = survey(recording, 0, 0, [], FilterSettings())
+    one, other = found.frames
+    flip = np.diag([1.0, -1.0])
+    for name in ("R2", "R3"):
+        assert other.anchors[name] == pytest.approx(flip @ one.anchors[name])
+        assert other.covariance[name] == pytest.approx(flip @ one.covariance[name] @ flip)
+        assert abs(one.covariance[name][0, 1]) > 1e-9

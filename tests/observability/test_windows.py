@@ -159,6 +159,24 @@ def test_robots_abreast_at_one_speed_do_not_see_each_others_bearing():
     assert found(recording, window=20.0, ego="A").robots["B"].rank[-1] == 3
 
 
+@pytest.mark.parametrize("heading", [0.0, 0.8, -2.0])
+def test_the_weakest_direction_stands_in_the_body_frame(heading):
+    c, s = np.cos(heading), np.sin(heading)
+    ahead, left = 1.0, 2.0
+    there = [6.0 + c * ahead - s * left, 6.0 + s * ahead + c * left, heading]
+    robots = [mover("A", [6.0, 6.0, heading]), mover("B", there)]
+    recording = simulate(
+        scenario(
+            moving=2, static=0, duration=12.0, robots=robots, **{"sensors.odometry.sigma_v": 1e-3}
+        )
+    )
+    seen = found(recording, ego="A").robots["B"]
+    assert set(seen.words) == {"bearing from A"}
+    across = np.array([-left, ahead]) / np.hypot(ahead, left)
+    direction = seen.weakest[:, :2] / np.linalg.norm(seen.weakest[:, :2], axis=1)[:, None]
+    assert np.abs(direction @ across) == pytest.approx(np.ones(len(direction)), abs=0.05)
+
+
 def test_a_robot_at_rest_does_not_show_its_heading():
     robots = [mover("A", [5.0, 6.0, 1.0], {"kind": "stand"})]
     seen = found(simulate(scenario(moving=2, static=2, robots=robots))).robots["A"]

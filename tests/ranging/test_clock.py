@@ -81,7 +81,7 @@ def test_skew_and_offset_are_those_of_the_oscillators():
         20.0, trajectory={"kind": "stand"}, radio__oscillator__skew_walk=0.0, radio__loss=0.05
     )
     frames = recording.frames
-    rate = []
+    rate, last = [], []
     for robot in range(5):
         own = frames.source == robot
         sent, stamp = frames.transmit[own], frames.stamp[own]
@@ -89,10 +89,15 @@ def test_skew_and_offset_are_those_of_the_oscillators():
         expected = (stamp[-1] - stamp[0]) * 1e-9 / TICK
         turns = round((expected - step) / 2**40)
         rate.append((step + turns * 2**40) / expected)
+        last.append((stamp[-1], int(sent[0] + step + turns * 2**40)))
     for (a, b), one in recover(recording, "clock").clocks.items():
         i, j = recording.team.index(a), recording.team.index(b)
         assert one.skew == pytest.approx(rate[i] / rate[j] - 1.0, abs=2e-9)
         assert abs(one.skew) < 21e-6
+        apart = (last[i][0] - last[j][0]) * 1e-9 * rate[i]
+        offset = (last[i][1] - last[j][1]) * TICK - apart
+        # A range in the last frame; both clocks drift apart by 1 us from one frame to the next.
+        assert one.offset == pytest.approx(offset, abs=2e-6)
         assert one.skew_range[0] < one.skew < one.skew_range[1]
 
 

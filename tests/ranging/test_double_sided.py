@@ -31,7 +31,9 @@ def test_slow_networks_are_ranged_well_where_robots_move():
     for method in ("clock", "double-sided"):
         ranges = recover(recording, method).recording.ranges
         keep = settled(recording, ranges, 5.0)
-        rms[method] = np.sqrt(np.mean(errors(recording, ranges)[keep] ** 2))
+        error = errors(recording, ranges)[keep]
+        rms[method] = np.sqrt(np.mean(error**2))
+    assert np.sqrt(np.mean((error / ranges.sigma[keep]) ** 2)) == pytest.approx(0.9, abs=0.2)
     assert rms["double-sided"] < 0.04
     assert rms["double-sided"] < 0.85 * rms["clock"]
     found = recover(recording)
