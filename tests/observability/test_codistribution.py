@@ -87,6 +87,8 @@ def test_the_ego_frame_gives_arakis_codistribution(seed):
     assert np.linalg.det(printed) == pytest.approx((y * c - x * s) * y)
     # ... and the ego's turn adds [0, -1, 0].
     assert np.min(np.abs(found - [0.0, -1.0, 0.0]).sum(axis=1)) == pytest.approx(0.0, abs=1e-12)
+    # There are no more functions of a relative pose than of both poses in the world.
+    assert [row.order for row in rows(PairKind(FREE, FREE, ego=True))] == [0, 1, 1, 2, 2, 2, 3]
 
 
 @pytest.mark.parametrize("kind", [PairKind(FREE, FREE), PairKind(FREE, FREE, ego=True)])
