@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import NamedTuple
 
 from clt.observability.codistribution import Motion
@@ -73,6 +74,7 @@ def additions(setup: Setup) -> Iterator[Addition]:
     yield from _motion(setup)
     if setup.ego is not None:
         return
+    yield from _ranges(setup)
     statics = sum(node.static for node in setup.nodes)
     anchored = any(node.known for node in setup.nodes)
     if setup.frame_robots != () and not setup.framed and not anchored:
@@ -87,6 +89,22 @@ def additions(setup: Setup) -> Iterator[Addition]:
     if anchored:
         text = f"{number} static robot, its position unknown"
         yield Addition(text, _joined_by(setup, known=False))
+
+
+def _ranges(setup: Setup) -> Iterator[Addition]:
+    """Ranges between moving and static robots of which some are missing."""
+    met = {frozenset(pair) for pair in setup.pairs}
+    apart = [
+        (k, j)
+        for k, j in combinations(range(len(setup.nodes)), 2)
+        if setup.nodes[k].static != setup.nodes[j].static and frozenset((k, j)) not in met
+    ]
+    if len(apart) > 0:
+        ends = sorted({k for pair in apart for k in pair})
+        moving = listed([setup.nodes[k].name for k in ends if not setup.nodes[k].static])
+        static = listed([setup.nodes[k].name for k in ends if setup.nodes[k].static])
+        joined = replace(setup, pairs=(*setup.pairs, *apart))
+        yield Addition(f"ranges of {moving} to {static}", joined)
 
 
 def _frame(setup: Setup) -> Iterator[Addition]:

@@ -43,6 +43,12 @@ def test_no_anchor_leaves_translation_and_rotation():
     assert "translation in x, translation in y, rotation of the whole team" in line
 
 
+def test_ranges_to_the_anchors_that_are_there_are_the_first_remedy():
+    (line,) = advise(recording(**{"sensors.range.pairs": "moving-moving"}))
+    assert "translation in x" in line
+    assert "remedy: ranges of R3 and R4 to R1 and R2" in line
+
+
 def test_without_anchors_relative_frames_are_fine():
     assert advise(recording(static=0), frame="ego:R1") == ()
     assert advise(recording(moving=3, static=0), frame="mutual:R1,R2") == ()
