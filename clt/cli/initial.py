@@ -30,9 +30,13 @@ def find(
 ) -> tuple[str, Initialization]:
     """Initial poses by a method of METHODS, and the method that `auto` chose.
 
-    `pairwise` tells them in the frame of the `ego`, else of the first moving robot. Says which
-    robots cannot be told. Raises CltError where nothing can be initialized at all.
+    `pairwise` tells them in the frame of the `ego`, else of the first moving robot; `auto` takes
+    it in the frame of an ego with fewer than two static robots. Says which robots cannot be told.
+    Raises CltError where nothing can be initialized at all.
     """
+    recorded = from_record(recording) if method == "auto" else None
+    if recorded is None and method == "auto" and ego is not None and len(recording.team.static) < 2:
+        method = "pairwise"
     if method == "truth":
         start = from_truth(recording, settings.initial.sigma)
         found = as_given(start, recording.team, "truth with heading, or no odometry, at the start")
@@ -46,7 +50,6 @@ def find(
         console.say(f"initial poses: from ranges between pairs, in the frame {found.frame}")
         missing(found, console)
         return method, found
-    recorded = from_record(recording) if method == "auto" else None
     if recorded is not None:
         console.say("initial poses: from the log's own record")
         return "record", as_given(recorded, recording.team, "initial pose in the record")
@@ -79,8 +82,9 @@ def start_of(found: Initialization, recording: Recording) -> Start:
     start = found.start
     if not any(name in recording.odometry for name in start.poses):
         raise CltError(
-            "no robot can be initialized from motion (the reasons are above); "
-            "give poses in a TOML file (--init FILE) or start from the ground truth (--init truth)"
+            "no robot can be initialized from motion (the reasons are above); give poses in a TOML "
+            "file (--init FILE), start from the ground truth (--init truth), or ask for relative "
+            "poses (--frame ego:NAME --init pairwise)"
         )
     return start
 

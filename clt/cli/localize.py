@@ -50,7 +50,8 @@ def localize(
         typer.Option(
             help="motion: from the log's own ranges and odometry (Shi). truth: from the ground "
             "truth. A TOML file: one table per robot with x, y, heading and optionally sigma. "
-            "auto: what the log records, else motion."
+            "auto: what the log records, else motion, or pairwise in the frame of a robot where "
+            "fewer than two robots stand still."
         ),
     ] = "auto",
     config: Annotated[

@@ -33,6 +33,8 @@ from clt.streams import Floats, Indices, Recording, Robot, Stamps
 
 EARLY_END = 1_000_000_000
 """Odometry that ends more than this before the log's is worth a word, ns."""
+BODY = "/base_link"
+"""Ends the id of a frame that moves with a robot."""
 OUTPUT_STEP = 100_000_000
 """Longest time between two outputs, ns ..."""
 MOST_PARTS = 100
@@ -177,7 +179,7 @@ def lay_out(
     robots = tuple(names[j] for j in cast.who)
     return Problem(
         robots,
-        tuple(start.frame if i == WORLD else f"{names[i]}/base_link" for i in cast.base),
+        tuple(world_of(start) if i == WORLD else f"{names[i]}{BODY}" for i in cast.base),
         names,
         make_space(cast.who, cast.base, calibrated=calibrated),
         prior,
@@ -191,6 +193,12 @@ def lay_out(
         (*notes, *said),
         tuple(left_out),
     )
+
+
+def world_of(start: Start) -> str:
+    """Id of the fixed frame of a start: of poses in a body frame, where that robot was then."""
+    name, body, _ = start.frame.partition(BODY)
+    return f"{name}/start" if body else start.frame
 
 
 def driver_segments(

@@ -138,3 +138,27 @@ def test_what_was_known_when_is_another_answer_than_what_the_log_holds(clt, fold
         if option:
             assert set(load(folder / "order.mcap").recording.dead_reckoning) == {"R3", "R4", "R5"}
     assert found["by stamp"] < found["as received"] < 0.5
+
+
+def test_without_static_robots_a_relative_start_comes_from_the_pairs(clt, folder):
+    words = ("simulate", "freeman", "--duration", "30", "-q", "-o", "two.mcap")
+    assert clt(*words)[0] == 0
+    code, _, err = clt("localize", "two.mcap", "-o", "two-ego.mcap", "--frame", "ego:R1")
+    assert code == 0
+    assert "initial poses: from ranges between pairs, in the frame R1/base_link\n" in err
+    assert scores(clt, "two-ego.mcap")["team"]["estimate"]["ape"]["rmse"] < 0.7
+    code, out, err = clt("localize", "two.mcap", "-o", "none.mcap")
+    assert (code, out) == (1, "")
+    assert "--frame ego:NAME --init pairwise" in err
+
+
+def test_a_world_that_begins_where_a_robot_stood_is_no_frame_that_moves_with_it(clt, folder):
+    assert clt("simulate", "freeman", "--duration", "30", "-q", "-o", "pair.mcap")[0] == 0
+    words = ("localize", "pair.mcap", "-o", "fixed.mcap", "--init", "pairwise", "--frame", "world")
+    assert clt(*words)[0] == 0
+    estimate = load(folder / "fixed.mcap").recording.estimate
+    assert {poses.frame for poses in estimate.values()} == {"R1/start"}
+    told = scores(clt, "fixed.mcap")
+    assert (told["frame"], told["align"]) == ("R1/start", "se2")
+    assert set(told["robots"]) == {"R1", "R2"}
+    assert told["team"]["estimate"]["ape"]["rmse"] < 0.7
