@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.filters.inputs import RangeTable, Segments
-from clt.filters.space import Space
+from clt.filters.space import AT_REST, Space
 from clt.streams import Floats
 
 
@@ -70,9 +70,15 @@ def blocks_of(space: Space, d: int) -> tuple[tuple[int, bool], ...]:
     return tuple(zip(space.block[rows].tolist(), forward, strict=True))
 
 
+def erring(space: Space, piece: Piece) -> bool:
+    """Whether the state knows errors of the piece's odometry: wheels at rest have none."""
+    still = abs(piece.v) < AT_REST and abs(piece.omega) < AT_REST
+    return space.calibration >= 0 and not still
+
+
 def twist(x: Floats, space: Space, piece: Piece) -> tuple[float, float]:
     """The twist of a piece less the errors that the state knows."""
-    if space.calibration < 0:
+    if not erring(space, piece):
         return piece.v, piece.omega
     scale, bias = x[space.calibration + 2 * piece.d :][:2]
     return (1.0 + scale) * piece.v, piece.omega + bias
@@ -135,7 +141,7 @@ def transition(x: Floats, before: Floats, space: Space, piece: Piece) -> Floats:
         else:
             turn = cmath.rect(1.0, -omega * piece.dt)
             F[X : X + 2, X : X + 2] = [[turn.real, -turn.imag], [turn.imag, turn.real]]
-    if space.calibration >= 0:
+    if erring(space, piece):
         s = space.calibration + 2 * piece.d
         F[:, s : s + 2] += gains(x, space, piece) * (piece.v * piece.dt, piece.dt)
     return F

@@ -78,6 +78,17 @@ def test_with_odometry_of_different_clocks(name):
     assert_same(ours, theirs)
 
 
+@pytest.mark.parametrize("name", ["ekf", "ukf"])
+def test_with_wheels_that_stop_and_errors_that_are_learned(name):
+    recording = team_recording(seed=4, seconds=4.0)
+    odometry = recording.odometry["R1"]
+    moves = (odometry.stamp < 1_000_000_000) | (odometry.stamp > 2_000_000_000)
+    parked = replace(odometry, v=odometry.v * moves, omega=odometry.omega * moves)
+    streams = {**recording.odometry, "R1": parked}
+    ours, theirs = both(name, replace(recording, odometry=streams), CALIBRATED, "ego:R2")
+    assert_same(ours, theirs)
+
+
 def astray(seconds):
     """A recording whose R1 starts 2 m from where it is believed to be: start and settings, too."""
     recording = team_recording(seed=5, seconds=seconds, noise=0.01)
