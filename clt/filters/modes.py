@@ -13,11 +13,13 @@ from clt.streams import Floats
 
 NEAR = 16.0
 """Squared Mahalanobis distance, of three numbers, up to which two poses belong to one mode."""
+WITHIN = 25.0
+"""The same of a particle from the mode's middle: beyond are 15 in a million of a Gaussian's."""
 LEAST = 1e-6
 """Added to variances (m^2, rad^2), so that certain poses have a width."""
 PROBES = 64
 """Particles tried as the middle of a mode."""
-START = 1.0 / 9.0
+START = 1.0 / 14.0
 """Of the whole covariance, with which a mode is sought."""
 FITS = 6
 """How often a mode is fitted anew."""
@@ -75,28 +77,42 @@ def centred(S: Floats, m: Floats) -> None:
 
 
 @lean
+def mean_heading(log_weight: Floats, x: Floats, count: int, o: int) -> float:
+    """Circular mean of the headings of the block at column o, rad."""
+    c, s = 0.0, 0.0
+    for k in range(count):
+        w = math.exp(log_weight[k])
+        c += w * math.cos(x[k, o + 2])
+        s += w * math.sin(x[k, o + 2])
+    return math.atan2(s, c)
+
+
+@lean
 def moments(
     log_weight: Floats, x: Floats, P: Floats, count: int, i: int, mean: Floats, covariance: Floats
 ) -> int:
     """Mean (3,) and covariance (3, 3) of block i over `count` normalized Gaussians, on the circle.
 
-    P (K, 0, 0) are particles. Returns the heaviest Gaussian, about which headings are averaged.
+    P (K, 0, 0) are particles. Headings are averaged about their circular mean. Returns the heaviest
+    Gaussian.
     """
     o, lead = 3 * i, 0
     for k in range(count):
         if log_weight[k] > log_weight[lead]:
             lead = k
+    about = x[lead, o], x[lead, o + 1], mean_heading(log_weight, x, count, o)
     mean[:] = 0.0
     covariance[:] = 0.0
     for k in range(count):
-        w, d = math.exp(log_weight[k]), offset(x, k, o, x[lead, o : o + 3])
+        w = math.exp(log_weight[k])
+        d = x[k, o] - about[0], x[k, o + 1] - about[1], wrapped(x[k, o + 2] - about[2])
         for r in range(3):
             mean[r] += w * d[r]
             for c in range(r + 1):
                 covariance[r, c] += w * (d[r] * d[c] + width(P, k, o + r, o + c))
     centred(covariance, mean)
     for r in range(3):
-        mean[r] += x[lead, o + r]
+        mean[r] += about[r]
     mean[2] = wrapped(mean[2])
     return lead
 
@@ -118,8 +134,8 @@ def leading_share(
 
 @lean
 def near(x: Floats, k: int, o: int, centre: Floats, C: Floats, factor: float) -> bool:
-    """Whether the block at column o of particle k is within NEAR of a centre (3,)."""
-    return mahalanobis(offset(x, k, o, centre), C, factor) <= NEAR
+    """Whether the block at column o of particle k is WITHIN a centre (3,)."""
+    return mahalanobis(offset(x, k, o, centre), C, factor) <= WITHIN
 
 
 @lean
@@ -143,8 +159,8 @@ def cloud_share(
 ) -> float:
     """Weight of the particles in the leading mode of block i.
 
-    From the densest place, a Gaussian is fitted again and again to the particles within NEAR of
-    it. covariance (3, 3) is that of all; scratch (8, 3).
+    From the densest place, a Gaussian is fitted again and again to the particles WITHIN it.
+    covariance (3, 3) is that of all; scratch (8, 3).
     """
     o = 3 * i
     first = densest(x, o, covariance)
@@ -163,7 +179,7 @@ def cloud_share(
 def refit(
     log_weight: Floats, x: Floats, o: int, C: Floats, centre: Floats, S: Floats, m: Floats
 ) -> float:
-    """Fit C, centre, in place, to the particles within NEAR; returns their weight.
+    """Fit C, centre, in place, to the particles WITHIN; returns their weight.
 
     S, m: scratch.
     """

@@ -110,15 +110,18 @@ def moments(belief: Belief, block: int) -> tuple[Floats, Floats]:
     """Mean (3,) and covariance (3, 3) of one block over all of a belief, on the circle."""
     own = slice(3 * block, 3 * block + 3)
     w, x = np.exp(belief.log_weight), belief.mean[:, own]
-    best = x[np.argmax(w)]
-    d = x - best
+    about = x[np.argmax(w)].copy()
+    about[2] = np.angle(w @ np.exp(1j * x[:, 2]))
+    d = x - about
     d[:, 2] = wrap(d[:, 2])
     middle = w @ d
     d = d - middle
     P = np.einsum("k,ki,kj->ij", w, d, d)
     if belief.covariance.shape[1] > 0:
         P += np.einsum("k,kij->ij", w, belief.covariance[:, own, own])
-    return best + middle, P
+    mean = about + middle
+    mean[2] = wrap(mean[2])
+    return mean, P
 
 
 def spread(belief: Belief, index: int) -> tuple[float, float]:

@@ -112,9 +112,11 @@ def found_again(problem: Problem, solution: Solution) -> tuple[str, ...]:
 
 
 def became_unique(problem: Problem, solution: Solution) -> tuple[str, ...]:
-    """One line for each block whose several possible poses came down to one."""
-    lines = []
+    """One line for each block whose several possible poses came down to one; none of lost ones."""
+    lines, lost = [], lost_robots(problem, solution)
     for i, name in enumerate(problem.robots):
+        if name in lost:
+            continue
         share, stamp = shares(problem, solution, i)
         doubtful = np.flatnonzero(share < UNIQUE)
         if doubtful.size > 0 and doubtful[-1] + 1 < share.size:
@@ -131,7 +133,7 @@ def ambiguous(problem: Problem, solution: Solution) -> tuple[str, ...]:
         if share.size > 0 and share[-1] < UNIQUE:
             lines.append(
                 f"{name} is ambiguous: its most probable pose at the end has probability "
-                f"{share[-1]:.2f}; longer or more winding driving of both robots would tell"
+                f"{share[-1]:.3f}; longer or more winding driving of both robots would tell"
             )
     return tuple(lines)
 

@@ -17,6 +17,7 @@ from clt.filters.reduction import make_desk, merge, prune, reduce
 from clt.filters.settings import FilterSettings
 from clt.filters.space import View
 from clt.filters.splitting import heading_grid, narrow_gaussians, split
+from clt.filters.world import Estimator, localize
 from clt.geometry import relative_pose, wrap
 from clt.init.start import Hypothesis, InitialPose, Start
 from clt.init.truth import from_truth
@@ -207,6 +208,33 @@ def test_evidence_tells_the_truth_from_its_mirror_image():
     assert np.hypot(*error[-50:, :2].T).max() < 0.6
     single = solve_ekf(problem, SETTINGS)
     assert np.hypot(*relative_error(recording, problem, single)[-50:, :2].T).min() > 1.0
+
+
+def told(recording, start):
+    return localize(recording, start, SETTINGS, Estimator("mixture", EGO))
+
+
+def test_tells_when_the_answer_became_unique_and_that_it_is_not():
+    recording = team_recording(seed=1, moving=2, seconds=30.0)
+    (line,) = told(recording, mirrored(recording)).remarks
+    assert line.startswith("the pose of R2 was unique after ")
+    short = team_recording(seed=1, moving=2, seconds=1.0)
+    found = told(short, mirrored(short))
+    assert found.remarks == ()
+    assert any(line.startswith("R2 is ambiguous: ") for line in found.left_out)
+
+
+def test_calls_no_pose_unique_that_the_ranges_contradict():
+    recording = team_recording(seed=1, moving=2, seconds=10.0)
+    start = mirrored(recording)
+    right = start.poses["R2"]
+    wrong = tuple(
+        Hypothesis(share, {"R2": replace(right, mean=right.mean + np.array([off, 0.0, 0.0]))})
+        for off, share in ((8.0, 0.9), (20.0, 0.1))
+    )
+    found = told(recording, replace(start, hypotheses=wrong))
+    assert found.diverged == ("R2",)
+    assert found.remarks == ()
 
 
 def test_finds_a_robot_of_unknown_heading_and_bearing():

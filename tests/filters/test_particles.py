@@ -8,6 +8,7 @@ import numba
 import numpy as np
 import pytest
 
+from clt.filters import prior
 from clt.filters.gaussian import solve_ekf
 from clt.filters.gaussian_particles import drawn
 from clt.filters.modes import cloud_share, moments
@@ -17,6 +18,7 @@ from clt.filters.problem import lay_out
 from clt.filters.resampling import effective, systematic
 from clt.filters.settings import FilterSettings
 from clt.filters.space import View
+from clt.filters.world import UNIQUE
 from clt.geometry import wrap
 from clt.init.truth import from_truth
 from tests.filters.teams import team_recording
@@ -182,7 +184,28 @@ def test_the_leading_mode_of_particles(minor):
     mean, P = np.zeros(3), np.zeros((3, 3))
     moments(log_weight, x, np.zeros((1000, 0, 0)), 1000, 0, mean, P)
     share = cloud_share(log_weight, x, 0, P, np.zeros((8, 3)))
-    assert share == pytest.approx(1.0 - minor / 1000, abs=0.01)
+    assert share == pytest.approx(1.0 - minor / 1000, abs=0.001)
+
+
+def test_a_gaussian_cloud_is_unique():
+    """Its tails are no other place."""
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        log_weight, x = cloud(rng, [5000], [np.array([1, 2, 3.1])])
+        share = cloud_share(log_weight, x, 0, np.cov(x.T), np.zeros((8, 3)))
+        assert share > UNIQUE
+
+
+def test_headings_are_averaged_whichever_particle_comes_first():
+    log_weight, x = cloud(np.random.default_rng(4), [5000], [np.zeros(3)])
+    x[0, 2] = np.pi
+    mean, P = np.zeros(3), np.zeros((3, 3))
+    moments(log_weight, x, np.zeros((5000, 0, 0)), 5000, 0, mean, P)
+    assert abs(mean[2]) < 0.01
+    assert P[2, 2] < 0.02
+    mean, P = prior.moments(Belief(log_weight, x, np.zeros((5000, 0, 0))), 0)
+    assert abs(mean[2]) < 0.01
+    assert P[2, 2] < 0.02
 
 
 def test_moments_are_those_of_the_belief_on_the_circle():
