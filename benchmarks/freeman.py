@@ -1,6 +1,6 @@
 """Freeman's study of the EKF and the UKF on mutual transforms, against what is possible at all.
 
-    python benchmarks/freeman.py [--seeds 60] [--out benchmarks/results/freeman.md]
+    python benchmarks/freeman.py [--seeds 30] [--out benchmarks/results/freeman.md]
 
 Scenario `freeman`: 12 s, two robots that drive at random, input noise 0.22 m/s and rad/s, ranges of
 0.32 m. mu_0 is off by a draw from N(0, error^2), the filters are told Sigma_0. A run has diverged
@@ -47,10 +47,7 @@ class Case:
 
 CASES = (
     Case("nominal: Sigma_0 = I, error 0.05", (1.0, 1.0), (0.05, 0.05)),
-    Case("matched: Sigma_0 = 0.0025 I, error 0.05", (0.05, 0.05), (0.05, 0.05)),
     Case("poor Sigma_0 = 4 I, error 0.05", (2.0, 2.0), (0.05, 0.05)),
-    Case("poor Sigma_0 = 10 I, error 0.05", (10.0**0.5, 10.0**0.5), (0.05, 0.05)),
-    Case("poor mu_0: error 0.5, Sigma_0 = I", (1.0, 1.0), (0.5, 0.5)),
     Case("poor mu_0: error 1, Sigma_0 = I", (1.0, 1.0), (1.0, 1.0)),
     Case("poor mu_0: error 2 m, 1 rad, Sigma_0 the same", (2.0, 1.0), (2.0, 1.0)),
 )
@@ -79,7 +76,7 @@ def run(case: Case, seeds: int) -> tuple[dict[str, list[RelativeScore]], dict[st
 def main() -> None:
     """Run the study and print its table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=60)
+    parser.add_argument("--seeds", type=int, default=30)
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     recording = simulate(load_scenario("freeman", {"duration": 1.0}))  # Compiles once.
@@ -107,6 +104,7 @@ def main() -> None:
             cells.append(f"{distance:.2f}, {share:.0%}")
         least = np.mean([one.distance for one in scores["bound"]])
         lines.append(f"| {case.name} | {' | '.join(cells)} | {least:.2f} |")
+        print(lines[-1], flush=True)
     cells = [f"{spent[name] / spent['EKF']:.1f} x" for name in ESTIMATORS]
     lines.append(f"| CPU time of a run, whole call | {' | '.join(cells)} | |")
     text = "\n".join(lines) + "\n"
