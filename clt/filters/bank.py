@@ -45,9 +45,10 @@ class Bank(NamedTuple):
     """The twist segment that each driver is in, (D,)."""
     mutual: int
     """1 where block 1 is the inverse of block 0."""
+    dropped: Floats
+    """Probability that the truth was among what was dropped for want of room alone, (1,)."""
     travel: Floats
-    """How far each driver went since its heading was last split, (D,), m; backwards negative. Kept
-    for a run that goes on (`Solution.memory`)."""
+    """How far each driver went since its heading was last split, (D,), m; backwards negative."""
     J: Indices
     """Scratch of a range's two rows, see `kalman.Work`, shape (2, 6)."""
     H: Floats
@@ -57,6 +58,13 @@ class Bank(NamedTuple):
     """Scratch of `transport.carry`, (B, 2)."""
     F: Floats
     G: Floats
+
+
+class Past(NamedTuple):
+    """What of a bank a run that goes on has to know beside the belief (`Solution.memory`)."""
+
+    travel: Floats
+    dropped: Floats
 
 
 class Trace(NamedTuple):
@@ -76,11 +84,13 @@ def make_bank(belief: Belief, problem: Problem, room: int) -> Bank:
     C, D, B = max(room, K), problem.space.first.size - 1, problem.space.who.size
     log_weight, mean, covariance = np.zeros(C), np.zeros((C, N)), np.zeros((C, N, N))
     log_weight[:K], mean[:K], covariance[:K] = belief
-    memory = problem.memory
-    travel = memory.copy() if isinstance(memory, np.ndarray) else np.zeros(D)
+    past = problem.memory
+    if not isinstance(past, Past):
+        past = Past(np.zeros(D), np.zeros(1))
     return Bank(
         log_weight, mean, covariance, np.array([K]), np.full(D, problem.start),
-        problem.segments.first[:-1].copy(), int(is_mutual(problem.space)), travel,
+        problem.segments.first[:-1].copy(), int(is_mutual(problem.space)),
+        past.dropped.copy(), past.travel.copy(),
         np.zeros((2, 6), np.int64), np.zeros((2, 6)), np.zeros(N),
         np.zeros((B, 2)), np.zeros((B, 2)), np.zeros((N, 2)),
     )  # fmt: skip
@@ -99,6 +109,11 @@ def belief_of(bank: Bank) -> Belief:
     """What is in a bank."""
     K = int(bank.alive[0])
     return Belief(bank.log_weight[:K], bank.mean[:K], bank.covariance[:K])
+
+
+def past_of(bank: Bank) -> Past:
+    """What the next run has to know."""
+    return Past(bank.travel, bank.dropped)
 
 
 @lean

@@ -22,6 +22,7 @@ from clt.filters.bank import (
     fuse,
     make_bank,
     make_trace,
+    past_of,
 )
 from clt.filters.compiled import lean
 from clt.filters.inputs import Outputs, RangeTable, Segments
@@ -55,7 +56,7 @@ def solve_gaussian(problem: Problem, settings: FilterSettings) -> Solution:
     )  # fmt: skip
     return Solution(
         trace.mean, trace.covariance, trace.residual, trace.variance, trace.verdict,
-        np.zeros(len(problem.robots), np.int64), belief_of(bank), trace.share, memory=bank.travel,
+        np.zeros(len(problem.robots), np.int64), belief_of(bank), trace.share, memory=past_of(bank),
     )  # fmt: skip
 
 

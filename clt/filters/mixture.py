@@ -21,6 +21,7 @@ from clt.filters.bank import (
     fuse,
     make_bank,
     make_trace,
+    past_of,
 )
 from clt.filters.compiled import lean
 from clt.filters.inputs import Outputs, RangeTable, Segments
@@ -40,6 +41,8 @@ FULL = 0.7
 """Share of the room beyond which the bank is reduced at once."""
 ROOM = 4
 """Room for so many times the Gaussians that are kept, for splits."""
+FEW, MOST_OF_FEW, MOST = 2, 1000, 100
+"""Gaussians kept of up to FEW blocks, which may begin anywhere on a ring, and of more."""
 
 
 def solve_mixture(problem: Problem, settings: FilterSettings) -> Solution:
@@ -47,7 +50,7 @@ def solve_mixture(problem: Problem, settings: FilterSettings) -> Solution:
     belief = problem.belief
     if problem.prior is not None:
         belief = narrow_gaussians(problem.prior, HEADING)
-    bank = make_bank(belief, problem, ROOM * settings.mixture.components)
+    bank = make_bank(belief, problem, ROOM * most(problem, settings))
     trace = make_trace(problem.outputs, problem.ranges)
     mixture(
         bank, problem.end, problem.space, problem.lever, problem.segments, problem.ranges,
@@ -55,8 +58,16 @@ def solve_mixture(problem: Problem, settings: FilterSettings) -> Solution:
     )  # fmt: skip
     return Solution(
         trace.mean, trace.covariance, trace.residual, trace.variance, trace.verdict,
-        np.zeros(len(problem.robots), np.int64), belief_of(bank), trace.share, memory=bank.travel,
+        np.zeros(len(problem.robots), np.int64), belief_of(bank), trace.share,
+        float(bank.dropped[0]), past_of(bank),
     )  # fmt: skip
+
+
+def most(problem: Problem, settings: FilterSettings) -> int:
+    """How many Gaussians are kept: what is set, or what suits the number of robots."""
+    if settings.mixture.components is not None:
+        return settings.mixture.components
+    return MOST_OF_FEW if len(problem.robots) <= FEW else MOST
 
 
 @lean

@@ -170,8 +170,21 @@ def heavier(log_weight: Floats, count: int, limit: float) -> int:
 
 
 @lean
+def lighter(log_weight: Floats, count: int, least: float) -> float:
+    """Sum of the weights below `least`."""
+    total, limit = 0.0, math.log(least)
+    for k in range(count):
+        if log_weight[k] < limit:
+            total += math.exp(log_weight[k])
+    return total
+
+
+@lean
 def reduce(bank: Bank, blocks: int, most: int, desk: Desk) -> None:
-    """Prune, merge, and keep the `most` heaviest."""
+    """Prune, merge, and keep the `most` heaviest; the weight of the others adds to `dropped`."""
     prune(bank, LIGHT)
     merge(bank, blocks, desk)
-    prune(bank, threshold(bank.log_weight, bank.alive[0], most))
+    least = threshold(bank.log_weight, bank.alive[0], most)
+    if least > LIGHT:
+        bank.dropped[0] += (1.0 - bank.dropped[0]) * lighter(bank.log_weight, bank.alive[0], least)
+    prune(bank, least)

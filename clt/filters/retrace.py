@@ -70,6 +70,7 @@ def solve(case: Replay, settings: FilterSettings, run: Filter) -> Solution:
         last.lost,
         last.belief,
         np.concatenate(shares) if len(shares) > 0 else None,
+        last.dropped,
     )
 
 

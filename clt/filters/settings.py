@@ -71,8 +71,9 @@ class Ukf(Settings):
 class Mixture(Settings):
     """The Gaussian mixture."""
 
-    components: int = Field(default=100, ge=1, le=10_000)
-    """Hypotheses kept; four times as many have room while they are split."""
+    components: int | None = Field(default=None, ge=1, le=10_000)
+    """Hypotheses kept, by default 1000 of up to two poses and 100 of more; four times as many have
+    room while they are split."""
 
 
 class Pf(Settings):

@@ -32,6 +32,8 @@ class Solution:
     share: Floats | None = None
     """Probability of the leading mode of each output's block, (outputs,); None where a filter
     knows only one."""
+    dropped: float = 0.0
+    """Probability of what a mixture had no room for: the truth may be among it."""
     memory: object = None
     """What the filter keeps beside its belief, to go on from here as if it had never stopped."""
     traffic: Mapping[str, Mapping[str, int]] = field(default_factory=dict)

@@ -18,6 +18,8 @@ from clt.streams import Floats, Innovations, Poses, Recording, Stamps, no_ranges
 
 UNIQUE = 0.999
 """A robot whose leading pose is less probable than this may be elsewhere."""
+DROPPED = 0.01
+"""Probability of hypotheses dropped for want of room that is worth a word."""
 LOST_SHARE = 0.5
 """A robot with more than this share of its ranges rejected is called diverged."""
 
@@ -138,6 +140,17 @@ def ambiguous(problem: Problem, solution: Solution) -> tuple[str, ...]:
     return tuple(lines)
 
 
+def dropped(solution: Solution) -> tuple[str, ...]:
+    """A line where a mixture had no room for hypotheses that may have been right."""
+    if solution.dropped <= DROPPED:
+        return ()
+    line = (
+        f"hypotheses of probability {solution.dropped:.2f} were dropped for want of room: what "
+        "became unique may be wrong; raise mixture.components"
+    )
+    return (line,)
+
+
 def shares(problem: Problem, solution: Solution, block: int) -> tuple[Floats, Stamps]:
     """Probability of a block's leading mode at each of its outputs, and their stamps (ns)."""
     own = problem.outputs.robot == block
@@ -198,7 +211,7 @@ def posterior_of(
             *calibrated(problem, solution.belief),
             *talk(solution),
         ),
-        problem.notes,
+        (*problem.notes, *dropped(solution)),
         (*problem.left_out, *found_again(problem, solution), *ambiguous(problem, solution)),
         lost_robots(problem, solution),
         solution.traffic,

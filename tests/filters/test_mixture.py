@@ -172,6 +172,7 @@ def test_no_more_than_the_budget_are_kept():
     reduce(bank, 1, 10, make_desk(bank))
     assert bank.alive[0] == 10
     np.testing.assert_array_equal(bank.mean[:10, 0], np.arange(30, 40))
+    assert bank.dropped[0] == pytest.approx(np.arange(1, 31).sum() / 820)
     assert abs(np.exp(bank.log_weight[:10]).sum() - 1.0) < 1e-12
 
 
@@ -210,8 +211,11 @@ def test_evidence_tells_the_truth_from_its_mirror_image():
     assert np.hypot(*relative_error(recording, problem, single)[-50:, :2].T).min() > 1.0
 
 
+NARRATOR = Estimator("mixture", EGO)
+
+
 def told(recording, start):
-    return localize(recording, start, SETTINGS, Estimator("mixture", EGO))
+    return localize(recording, start, SETTINGS, NARRATOR)
 
 
 def test_tells_when_the_answer_became_unique_and_that_it_is_not():
@@ -222,6 +226,21 @@ def test_tells_when_the_answer_became_unique_and_that_it_is_not():
     found = told(short, mirrored(short))
     assert found.remarks == ()
     assert any(line.startswith("R2 is ambiguous: ") for line in found.left_out)
+
+
+def test_tells_what_it_had_no_room_for():
+    recording = team_recording(seed=1, moving=2, seconds=5.0)
+    problem = pair_problem(recording, (1.0, 1.0, 0.5))
+    assert solve_mixture(problem, SETTINGS).dropped < 1e-3
+    crowded = FilterSettings(mixture={"components": 10})
+    few = solve_mixture(problem, crowded)
+    assert 0.05 < few.dropped < 1.0
+    found = localize(recording, pair_start(recording, (1.0, 1.0, 0.5)), crowded, NARRATOR)
+    assert any(f"probability {few.dropped:.2f} were dropped" in line for line in found.warnings)
+    early, late = cut(problem, 2_000_000_000)
+    first = solve_mixture(early, crowded)
+    kept = {"prior": None, "belief": first.belief, "memory": first.memory}
+    assert solve_mixture(replace(late, **kept), crowded).dropped >= first.dropped > 0.05
 
 
 def test_calls_no_pose_unique_that_the_ranges_contradict():
@@ -255,10 +274,9 @@ def test_goes_on_where_it_stopped():
     first = solve_mixture(early, SETTINGS)
     kept = {"prior": None, "belief": first.belief, "memory": first.memory}
     second = solve_mixture(replace(late, **kept), SETTINGS)
-    assert np.all(first.memory != 0.0)
-    assert np.any(
-        second.memory != solve_mixture(replace(late, **kept | {"memory": None}), SETTINGS).memory
-    )
+    forgetful = solve_mixture(replace(late, **kept | {"memory": None}), SETTINGS)
+    assert np.all(first.memory.travel != 0.0)
+    assert np.any(second.memory.travel != forgetful.memory.travel)
     joined = np.concatenate([first.mean, second.mean])
     sigma = np.sqrt(np.einsum("oii->oi", whole.covariance))
     difference = joined - whole.mean
