@@ -17,9 +17,7 @@ def given(text):
 
 
 def test_poses_hold_at_the_beginning_of_the_odometry_of_those_given():
-    start = given(
-        "[R1]\nx = 1\ny = -2.5\nheading = 3.0\n[R2]\nx = 0\ny = 0\nheading = 0"
-    )
+    start = given("[R1]\nx = 1\ny = -2.5\nheading = 3.0\n[R2]\nx = 0\ny = 0\nheading = 0")
     assert start.stamp == BEGIN + SECOND
     assert given("[R1]\nx = 1\ny = 2\nheading = 0").stamp == BEGIN
     assert start.poses["R1"].mean.tolist() == [1.0, -2.5, 3.0]
