@@ -9,7 +9,7 @@ kept that matter (a Kalman filter each), the most probable BEAM of them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,6 +31,8 @@ class Joint:
     """One combination: poses of all placed robots in the frame of the ego."""
 
     log_weight: float
+    log_support: float
+    """How much of all that is possible is alike; once a cycle compared them, the weight."""
     mean: Floats
     """(n, 3), m and rad."""
     covariance: Floats
@@ -40,7 +42,7 @@ class Joint:
 def combine(ego: str, edges: Edges, static: frozenset[str]) -> tuple[tuple[str, ...], list[Joint]]:
     """Robots that the graph connects to the ego, and their joint hypotheses, the best first."""
     placed = [ego]
-    joints = [Joint(0.0, np.zeros((1, 3)), np.zeros((3, 3)))]
+    joints = [Joint(0.0, 0.0, np.zeros((1, 3)), np.zeros((3, 3)))]
     left = dict(edges)
     while (pair := _next_pair(placed, left, static)) is not None:
         hypotheses = left.pop(pair)
@@ -75,9 +77,13 @@ def _next_pair(placed: list[str], left: Edges, static: frozenset[str]) -> tuple[
 def _members(hypotheses: Hypotheses) -> list[Joint]:
     """The Gaussians of a pair, one by one."""
     return [
-        Joint(float(np.log(p)), mean, covariance)
-        for p, mean, covariance in zip(
-            hypotheses.probability, hypotheses.mean, hypotheses.covariance, strict=True
+        Joint(float(np.log(p)), float(np.log(max(q, 1e-300))), mean, covariance)
+        for p, q, mean, covariance in zip(
+            hypotheses.probability,
+            hypotheses.support,
+            hypotheses.mean,
+            hypotheses.covariance,
+            strict=True,
         )
     ]
 
@@ -100,7 +106,7 @@ def inverted(hypotheses: Hypotheses) -> Hypotheses:
         F[:2, 2] = mean[k, 1], -mean[k, 0]
         F[2, 2] = -1.0
         covariance[k] = F @ P @ F.T
-    return Hypotheses(mean, covariance, hypotheses.probability, hypotheses.cost, hypotheses.unique)
+    return replace(hypotheses, mean=mean, covariance=covariance)
 
 
 def appended(joint: Joint, i: int, h: Joint) -> Joint:
@@ -120,7 +126,8 @@ def appended(joint: Joint, i: int, h: Joint) -> Joint:
             [cross, cross @ rows.T + G @ h.covariance @ G.T],
         ]
     )
-    return Joint(joint.log_weight + h.log_weight, np.vstack([joint.mean, pose]), covariance)
+    weight, support = joint.log_weight + h.log_weight, joint.log_support + h.log_support
+    return Joint(weight, support, np.vstack([joint.mean, pose]), covariance)
 
 
 def compared(joint: Joint, i: int, j: int, h: Joint, turns: bool) -> Joint:
@@ -147,4 +154,5 @@ def compared(joint: Joint, i: int, j: int, h: Joint, turns: bool) -> Joint:
     keep = np.eye(joint.mean.size) - K @ H
     covariance = keep @ joint.covariance @ keep.T + K @ h.covariance[:size, :size] @ K.T
     surprise = float(r @ np.linalg.solve(S, r) + np.linalg.slogdet(2.0 * np.pi * S)[1])
-    return Joint(joint.log_weight + h.log_weight - 0.5 * surprise, mean, covariance)
+    weight = joint.log_weight + h.log_weight - 0.5 * surprise
+    return Joint(weight, weight, mean, covariance)

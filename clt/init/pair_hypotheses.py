@@ -11,13 +11,19 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from clt.geometry import rotation, wrap
 from clt.init.pair_evidence import worth
 from clt.init.pair_likelihood import (
+    AT,
+    BEYOND,
     COST,
+    D_PHI,
+    D_THETA,
     DISTANCE,
-    FIELDS,
+    G_PHI,
+    G_THETA,
     H_PP,
     H_TP,
     H_TT,
@@ -26,22 +32,19 @@ from clt.init.pair_likelihood import (
     THETA,
     VAR_D,
     Pair,
-    descend,
 )
+from clt.init.pair_modes import REST, settle, spread_seeds
+from clt.init.pair_solutions import FAR, NEAR, WIDTH_P, WIDTH_T
 from clt.streams import Floats, Indices
 
-REACH = 0.2
-"""Standard deviation in theta and phi (rad) that one hypothesis shall not exceed by much."""
-COVERED = 16.0
-"""Squared distance (in units of variance) up to which cells belong to a solution."""
-REST = 5e-4
-"""Share of the posterior that may be left out."""
+NOTHING = 1e-7
+"""Share of the posterior that does not count at all."""
 CERTAIN = 0.99
 """Probability from which a solution is called unique."""
-SHARP = (0.35, 0.12)
+SHARP = (0.3, 0.1)
 """Standard deviations of its position (m, in any direction) and heading (rad) at most."""
-SEVERAL = 64
-"""Hypotheses at most."""
+SHARES = 3
+"""Parts of a cell along theta and phi when its share of the posterior is added up."""
 
 
 @dataclass(frozen=True)
@@ -53,11 +56,33 @@ class Hypotheses:
     covariance: Floats
     """(K, 3, 3)."""
     probability: Floats
-    """(K,), adds up to 1."""
+    """(K,), adds up to 1; without the evidence that odometry noise could have faked."""
+    support: Floats
+    """(K,): how much of the posterior, with all evidence, is alike: the most for the best one."""
     cost: float
     """Squared residuals of the best solution, in units of their variance."""
     unique: bool
     """One solution, as sure as CERTAIN and sharp enough to linearize a filter at."""
+
+
+def divided(cells: Floats) -> Floats:
+    """Cells (m, CELL) in SHARES by SHARES parts each, as their linearization tells: (m', CELL)."""
+    step = (2.0 * np.arange(SHARES) + 1.0 - SHARES) / SHARES
+    t, p = (x.ravel() for x in np.meshgrid(step, step, indexing="ij"))
+    if not np.any(cells[:, WIDTH_P] > 0.0):
+        t, p = step, np.zeros(SHARES)
+    parts = np.repeat(cells, t.size, axis=0)
+    t, p = np.tile(t, len(cells)) * parts[:, WIDTH_T], np.tile(p, len(cells)) * parts[:, WIDTH_P]
+    g_t, g_p = parts[:, H_TT] * t + parts[:, H_TP] * p, parts[:, H_TP] * t + parts[:, H_PP] * p
+    parts[:, COST] += t * (g_t - 2.0 * parts[:, G_THETA]) + p * (g_p - 2.0 * parts[:, G_PHI])
+    parts[:, G_THETA] -= g_t
+    parts[:, G_PHI] -= g_p
+    parts[:, THETA] += t
+    parts[:, PHI] += p
+    parts[:, BEYOND] += parts[:, D_THETA] * t + parts[:, D_PHI] * p
+    parts[:, DISTANCE] = np.clip(parts[:, AT] + parts[:, BEYOND], parts[:, NEAR], parts[:, FAR])
+    parts[:, [WIDTH_T, WIDTH_P]] /= SHARES
+    return parts
 
 
 def log_masses(cells: Floats) -> Floats:
@@ -65,9 +90,12 @@ def log_masses(cells: Floats) -> Floats:
 
     The prior is uniform over positions and turns; d is integrated out.
     """
-    area = np.maximum(cells[:, FIELDS], 1e-12) * np.maximum(cells[:, FIELDS + 1], 1e-12)
+    area = np.maximum(cells[:, WIDTH_T], 1e-12) * np.maximum(cells[:, WIDTH_P], 1e-12)
     explained = -0.5 * (cells[:, COST] + cells[:, LOG_DET])
-    return np.asarray(explained + 0.5 * np.log(cells[:, VAR_D]) + np.log(cells[:, DISTANCE] * area))
+    sigma, best = np.sqrt(cells[:, VAR_D]), cells[:, AT] + cells[:, BEYOND]
+    share = ndtr((cells[:, FAR] - best) / sigma) - ndtr((cells[:, NEAR] - best) / sigma)
+    volume = cells[:, DISTANCE] * sigma * np.maximum(share, 1e-300) * area
+    return np.asarray(explained + np.log(volume))
 
 
 def poses(pair: Pair, theta: Floats, phi: Floats, d: Floats) -> Floats:
@@ -79,20 +107,34 @@ def poses(pair: Pair, theta: Floats, phi: Floats, d: Floats) -> Floats:
 
 def gather(pair: Pair, cells: Floats, faked: float, turns: bool) -> Hypotheses:
     """Hypotheses from the cells (m, CELL) of a search, which odometry noise may fake to `faked`."""
+    cells = divided(cells)
     log_mass = log_masses(cells)
     mass = np.exp(log_mass - log_mass.max())
     mass /= mass.sum()
-    seeds, nearest, parent = spread_seeds(pair, cells, level(cells, mass, faked), turns)
+    flat = level(cells, mass, faked)
+    some = flat > NOTHING
+    cells, mass, flat = cells[some], mass[some] / mass[some].sum(), flat[some] / flat[some].sum()
+    seeds, nearest, parent = spread_seeds(pair, cells, flat, turns)
     at = poses(pair, cells[:, THETA], cells[:, PHI], cells[:, DISTANCE])
     centers = poses(pair, seeds[:, THETA], seeds[:, PHI], seeds[:, DISTANCE])
     posterior = np.asarray(np.bincount(nearest, mass, len(seeds)), np.float64)
     weight = fair_weights(pair, seeds, parent, posterior)
     order = np.lexsort((-posterior, -weight))
     keep = order[np.cumsum(weight[order]) - weight[order] < 1.0 - REST]
-    covariance = np.array([moments(pair, at, cells, mass, nearest == k, centers[k]) for k in keep])
+    keep = keep[posterior[keep] > 0.0]
+    centers = centers[keep]
+    support = settle(at, mass, centers)
+    own = within(pair, cells)
+    covariance = np.array(
+        [
+            moments(at, mass, own, nearest == k, center)
+            for k, center in zip(keep, centers, strict=True)
+        ]
+    )
     probability = weight[keep] / weight[keep].sum()
     unique = bool(probability[0] >= CERTAIN and sharp(covariance[0], turns))
-    return Hypotheses(centers[keep], covariance, probability, float(seeds[:, COST].min()), unique)
+    cost = float(seeds[:, COST].min())
+    return Hypotheses(centers, covariance, probability, support, cost, unique)
 
 
 def sharp(covariance: Floats, turns: bool) -> bool:
@@ -126,66 +168,24 @@ def fair_weights(pair: Pair, seeds: Floats, parent: Indices, weight: Floats) -> 
     return np.asarray(fair / fair.sum())
 
 
-def spread_seeds(
-    pair: Pair, cells: Floats, mass: Floats, turns: bool
-) -> tuple[Floats, Indices, Indices]:
-    """Centers of hypotheses (k, FIELDS), to which every cell belongs (m,), and the solution (k,).
-
-    From the most probable cell that is not covered yet, weighted least squares leads to its
-    solution; where that is one that we have, the cell stands for itself.
-    """
-    n = pair.z.size
-    L, y, out = np.empty((n, n)), np.empty((n, 4)), np.empty(FIELDS)
-    density = mass / (cells[:, FIELDS] * np.maximum(cells[:, FIELDS + 1], 1e-12))
-    open_ = np.ones(len(cells), np.bool_)
-    seeds: list[Floats] = []
-    squared: list[Floats] = []
-    parent: list[int] = []
-    while len(seeds) < SEVERAL and mass[open_].sum() > REST:
-        first = int(np.argmax(np.where(open_, density, -1.0)))
-        cell = cells[first, :FIELDS]
-        found = bool(descend(pair, cell[THETA], cell[PHI], turns, L, y, out))
-        known = [k for k, seed in enumerate(seeds) if found and away(seed, out[None])[0] < 1.0]
-        near = away(cell, out[None])[0] < COVERED
-        parent.append(known[0] if len(known) > 0 else len(seeds))
-        seed = out.copy() if found and near and len(known) == 0 else cell
-        seeds.append(seed)
-        squared.append(away(seed, cells))
-        open_ &= squared[-1] > COVERED
-        open_[first] = False
-    distance = np.array(squared)
-    covered = distance <= COVERED
-    mine = np.where(covered.any(axis=0), np.argmax(covered, axis=0), np.argmin(distance, axis=0))
-    return np.array(seeds), mine, np.array(parent)
-
-
-def away(seed: Floats, cells: Floats) -> Floats:
-    """Squared distance of cells (m, .) from a seed in units of its variance, bounded by REACH."""
-    t, p = wrap(cells[:, THETA] - seed[THETA]), wrap(cells[:, PHI] - seed[PHI])
-    least = REACH**-2
-    return np.asarray(
-        (seed[H_TT] + least) * t**2 + 2.0 * seed[H_TP] * t * p + (seed[H_PP] + least) * p**2
-    )
-
-
 def moments(
-    pair: Pair, at: Floats, cells: Floats, mass: Floats, mine: NDArray[np.bool_], center: Floats
+    at: Floats, mass: Floats, own: Floats, mine: NDArray[np.bool_], center: Floats
 ) -> Floats:
-    """Covariance (3, 3) about a center of the posterior in its cells, which are flat within."""
+    """Covariance (3, 3) about a center of the posterior in some cells: between and within them."""
     w = mass[mine] / mass[mine].sum()
-    e, cells = at[mine] - center, cells[mine]
+    e = at[mine] - center
     e[:, 2] = wrap(e[:, 2])
-    covariance = (w[:, None] * e).T @ e
+    return np.asarray((w[:, None] * e).T @ e + np.tensordot(w, own[mine], 1))
+
+
+def within(pair: Pair, cells: Floats) -> Floats:
+    """Covariance of poses within each cell, where the posterior is flat, (m, 3, 3)."""
     c, s, d = np.cos(cells[:, THETA]), np.sin(cells[:, THETA]), cells[:, DISTANCE]
-    none = np.zeros(len(cells))
     turned = rotation(cells[:, PHI] + 0.5 * np.pi) @ pair.b[0]
-    along = np.stack([c, s, none], axis=1)
-    around = np.stack([-d * s, d * c, none], axis=1)
-    turning = np.stack([-turned[:, 0], -turned[:, 1], none + 1.0], axis=1)
-    for step, variance in (
-        (along, cells[:, VAR_D]),
-        (around, cells[:, FIELDS] ** 2 / 3.0),
-        (turning, cells[:, FIELDS + 1] ** 2 / 3.0),
-    ):
-        covariance += (w * variance * step.T) @ step
-    return np.asarray(covariance)
+    step = np.zeros((len(cells), 3, 3))
+    step[:, 0, 0], step[:, 0, 1] = c, s
+    step[:, 1, 0], step[:, 1, 1] = -d * s, d * c
+    step[:, 2, :2], step[:, 2, 2] = -turned, 1.0
+    variance = np.stack([cells[:, VAR_D], *(cells[:, [WIDTH_T, WIDTH_P]] ** 2 / 3.0).T], axis=1)
+    covariance: Floats = np.swapaxes(step, 1, 2) @ (variance[:, :, None] * step)
+    return covariance

@@ -17,9 +17,10 @@ import numpy as np
 from clt.filters.compiled import kernel, lean
 from clt.streams import Floats
 
-FIELDS = 12
+FIELDS = 15
 """Numbers that `weigh` tells about a direction."""
-THETA, PHI, DISTANCE, COST, LOG_DET, VAR_D, G_THETA, G_PHI, H_TT, H_TP, H_PP, ROUGH = range(FIELDS)
+THETA, PHI, DISTANCE, COST, LOG_DET, VAR_D, G_THETA, G_PHI, H_TT, H_TP, H_PP = range(11)
+AT, BEYOND, D_THETA, D_PHI = range(11, FIELDS)
 NEAREST = 1e-3
 """Two antennas are never closer, m."""
 
@@ -50,41 +51,42 @@ def weigh(
     pair: Pair,
     theta: float,
     phi: float,
-    h_theta: float,
-    h_phi: float,
+    d: float,
+    low: float,
+    high: float,
+    step: bool,
+    more: Floats,
     L: Floats,
     y: Floats,
     out: Floats,
 ) -> None:
-    """Weigh a direction and a turn (rad) with the best distance d for them.
+    """Weigh a direction and a turn (rad) with the best distance for them in low .. high (m).
 
-    `out` (FIELDS,) receives d (m), the cost r^T W^-1 r, log det W, the variance of d, gradient and
-    Hessian (Gauss-Newton, d eliminated) of half the cost, and ROUGH: by how much the square root
-    of the cost may differ from its linearization anywhere within h_theta, h_phi (rad) of here.
-    `L` (n, n) and `y` (n, 4) are scratch.
+    With `step`, one of Gauss-Newton leads from `d` (m), where W is taken, to AT, where the ranges
+    are linearized. Variances are `more` (n,) larger than those of the pair, m^2. `out` (FIELDS,)
+    receives the best distance, the cost r^T W^-1 r there, log det W,
+    the variance of d, gradient and Hessian (Gauss-Newton, d eliminated) of half the cost; AT; by
+    how much the best distance without bounds lies BEYOND AT, and how it moves with theta and phi
+    (D_THETA, D_PHI; m / rad). `L` (n, n) is left with the factor of W, `y` (n, 6) with residuals
+    and derivatives by d, theta and phi, whitened.
     """
     n = pair.z.size
     c, s = np.cos(phi), np.sin(phi)
     e_x, e_y = np.cos(theta), np.sin(theta)
-    d = max(pair.z[0], NEAREST)
     residuals(pair, c, s, e_x, e_y, d, L, y, True)
+    for k in range(n):
+        L[k, k] += more[k]
     log_det = factor(L, n)
-    forward(L, y, n, 2)
-    slope, information = 0.0, 0.0
-    for k in range(n):
-        slope += y[k, 0] * y[k, 1]
-        information += y[k, 1] * y[k, 1]
-    d = min(max(d + slope / information, 0.3 * d), 3.0 * d)
-    residuals(pair, c, s, e_x, e_y, d, L, y, False)
-    rough = 0.0
-    for k in range(n):
-        b_x, b_y = pair.b[k, 0] - pair.b[0, 0], pair.b[k, 1] - pair.b[0, 1]
-        w_x = d * e_x + c * b_x - s * b_y - pair.a[k, 0] + pair.a[0, 0]
-        w_y = d * e_y + s * b_x + c * b_y - pair.a[k, 1] + pair.a[0, 1]
-        moved = d * h_theta + np.sqrt(b_x * b_x + b_y * b_y) * h_phi
-        apart = np.sqrt(w_x * w_x + w_y * w_y)
-        bend = min(0.5 * moved * moved / max(apart, NEAREST), 2.0 * moved)
-        rough += bend * bend / pair.variance[k]
+    at = d
+    if step:
+        forward(L, y, n, 2)
+        slope, information = 0.0, 0.0
+        for k in range(n):
+            slope += y[k, 0] * y[k, 1]
+            information += y[k, 1] * y[k, 1]
+        at = min(max(d + slope / information, 0.3 * d), 3.0 * d)
+        at = min(max(at, low), high)
+        residuals(pair, c, s, e_x, e_y, at, L, y, False)
     forward(L, y, n, 4)
     rr, rd, dd, rt, rp, dt, dp, tt, tp, pp = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n):
@@ -100,11 +102,12 @@ def weigh(
         tp += y_t * y_p
         pp += y_p * y_p
     out[THETA], out[PHI] = theta, phi
-    out[DISTANCE] = max(d + rd / dd, NEAREST)
+    out[DISTANCE] = min(max(at + rd / dd, low), high)
     out[COST], out[LOG_DET], out[VAR_D] = rr - rd * rd / dd, log_det, 1.0 / dd
     out[G_THETA], out[G_PHI] = rt - rd * dt / dd, rp - rd * dp / dd
     out[H_TT], out[H_TP], out[H_PP] = tt - dt * dt / dd, tp - dt * dp / dd, pp - dp * dp / dd
-    out[ROUGH] = np.sqrt(rough)
+    out[AT], out[BEYOND] = at, rd / dd
+    out[D_THETA], out[D_PHI] = -dt / dd, -dp / dd
 
 
 @lean
@@ -119,7 +122,7 @@ def residuals(
     y: Floats,
     with_W: bool,
 ) -> None:
-    """Residuals and derivatives by d, theta, phi into the columns of `y`, and W into `L`.
+    """Residuals, derivatives by d, theta, phi and lines of sight into `y`, and W into `L`.
 
     The mean range of an antenna that scatters across the line of sight is longer than that
     between the mean positions: sqrt(|w|^2 + u_perp^T S u_perp).
@@ -128,36 +131,29 @@ def residuals(
     for k in range(n):
         b_x, b_y = pair.b[k, 0] - pair.b[0, 0], pair.b[k, 1] - pair.b[0, 1]
         r_x, r_y = c * b_x - s * b_y, s * b_x + c * b_y
-        w_x = d * e_x + r_x - pair.a[k, 0] + pair.a[0, 0]
-        w_y = d * e_y + r_y - pair.a[k, 1] + pair.a[0, 1]
+        w_x, w_y = between(pair, k, c, s, d * e_x, d * e_y)
         apart = np.sqrt(w_x * w_x + w_y * w_y)
         if apart > NEAREST:
             u_x, u_y = w_x / apart, w_y / apart
         else:
             u_x, u_y = e_x, e_y
-        n_x, n_y = -u_y, u_x
-        m_x, m_y = c * n_x + s * n_y, -s * n_x + c * n_y
-        across = (
-            quadratic(pair.S_a[k], n_x, n_y, n_x, n_y)
-            + quadratic(pair.S_b[k], m_x, m_y, m_x, m_y)
-            - 2.0 * quadratic(pair.S_ab[k], n_x, n_y, m_x, m_y)
-        )
+        across = scatter_across(pair, k, c, s, u_x, u_y)
         expected = np.sqrt(apart * apart + across)
         share = apart / expected
         y[k, 0] = pair.z[k] - expected
         y[k, 1] = share * (u_x * e_x + u_y * e_y)
         y[k, 2] = share * d * (u_y * e_x - u_x * e_y)
         y[k, 3] = share * (u_y * r_x - u_x * r_y)
+        y[k, 4], y[k, 5] = u_x, u_y
         if with_W:
             L[k, k] = pair.variance[k] + 0.5 * (across / expected) ** 2
-            y[k, 2], y[k, 3] = u_x, u_y
     if not with_W:
         return
     for k in range(n):
-        u_x, u_y = y[k, 2], y[k, 3]
+        u_x, u_y = y[k, 4], y[k, 5]
         v_x, v_y = c * u_x + s * u_y, -s * u_x + c * u_y
         for m in range(k + 1):
-            o_x, o_y = y[m, 2], y[m, 3]
+            o_x, o_y = y[m, 4], y[m, 5]
             q_x, q_y = c * o_x + s * o_y, -s * o_x + c * o_y
             P, Q = pair.P_a[k, m], pair.P_b[k, m]
             value = (
@@ -167,6 +163,32 @@ def residuals(
                 + v_y * (Q[1, 0] * q_x + Q[1, 1] * q_y)
             )
             L[k, m] = value + (L[k, k] if m == k else 0.0)
+
+
+@lean
+def between(pair: Pair, k: int, c: float, s: float, q_x: float, q_y: float) -> tuple[float, float]:
+    """w_k, from antenna to antenna at range k (m); cosine and sine of phi, and q of the first."""
+    b_x, b_y = pair.b[k, 0] - pair.b[0, 0], pair.b[k, 1] - pair.b[0, 1]
+    return (
+        q_x + c * b_x - s * b_y - pair.a[k, 0] + pair.a[0, 0],
+        q_y + s * b_x + c * b_y - pair.a[k, 1] + pair.a[0, 1],
+    )
+
+
+@lean
+def scatter_across(pair: Pair, k: int, c: float, s: float, w_x: float, w_y: float) -> float:
+    """Variance of w_k across the line of sight while range k is taken, m^2."""
+    squared = max(w_x * w_x + w_y * w_y, NEAREST * NEAREST)
+    n_x, n_y = -w_y, w_x
+    m_x, m_y = c * n_x + s * n_y, -s * n_x + c * n_y
+    return float(
+        (
+            quadratic(pair.S_a[k], n_x, n_y, n_x, n_y)
+            + quadratic(pair.S_b[k], m_x, m_y, m_x, m_y)
+            - 2.0 * quadratic(pair.S_ab[k], n_x, n_y, m_x, m_y)
+        )
+        / squared
+    )
 
 
 @lean
@@ -209,15 +231,22 @@ def forward(L: Floats, y: Floats, n: int, columns: int) -> None:
 
 @kernel
 def descend(
-    pair: Pair, theta: float, phi: float, turns: bool, L: Floats, y: Floats, out: Floats
+    pair: Pair,
+    theta: float,
+    phi: float,
+    d: float,
+    turns: bool,
+    L: Floats,
+    y: Floats,
+    out: Floats,
 ) -> bool:
-    """Iterative weighted least squares from a direction and a turn; the last `weigh` in `out`.
+    """Iterative weighted least squares from a pose; the last `weigh` in `out`.
 
     Gauss-Newton with Levenberg's damping where a step does not help; W follows the pose. False
     where it has not converged.
     """
-    ahead = np.empty(FIELDS)
-    weigh(pair, theta, phi, 0.0, 0.0, L, y, out)
+    ahead, none = np.empty(FIELDS), np.zeros(pair.z.size)
+    weigh(pair, theta, phi, d, NEAREST, np.inf, True, none, L, y, out)
     damping = 1e-9
     for _ in range(40):
         scale = out[H_TT] + out[H_PP] + 1e-12
@@ -232,7 +261,8 @@ def descend(
         if longest > 0.3:
             step_t, step_p = 0.3 * step_t / longest, 0.3 * step_p / longest
         gained = step_t * out[G_THETA] + step_p * out[G_PHI]
-        weigh(pair, out[THETA] + step_t, out[PHI] + step_p, 0.0, 0.0, L, y, ahead)
+        theta, phi, d = out[THETA] + step_t, out[PHI] + step_p, out[DISTANCE]
+        weigh(pair, theta, phi, d, NEAREST, np.inf, True, none, L, y, ahead)
         if ahead[COST] <= out[COST] + 1e-9:
             out[:] = ahead
             damping = max(0.1 * damping, 1e-9)

@@ -1,13 +1,9 @@
-"""All relative poses that the ranges of a pair leave possible, by an exhaustive bounded search.
+"""All relative poses that the ranges of a pair leave possible, by branch and bound.
 
-The square root of the cost, sqrt(r^T W^-1 r), changes within a cell of directions theta and turns
-phi by no more than its linearization there says, plus what the curvature of ranges may add. The
-circle of both angles is halved again and again; a cell is dropped once that bound shows that it
-holds nothing within the margin of the best, and is done when the cost hardly changes across it. No
-start has to be guessed. What remains is the posterior, cell by cell.
-
-The bound takes W and the best distance d as they are in the middle of the cell; a proof would have
-to bound how both turn with the lines of sight within it.
+Cells of directions theta, turns phi and distances d are halved again and again. One is dropped only
+when `pair_bound` shows that no pose within it costs as little as the best known one and a margin;
+one is done when the cost hardly changes across it. No start has to be guessed and, up to rounding,
+no minimum within the margin is missed. What remains is the posterior, cell by cell.
 """
 
 from __future__ import annotations
@@ -17,13 +13,21 @@ import math
 import numpy as np
 
 from clt.filters.compiled import kernel, lean
+from clt.init.pair_bound import (
+    PLACES,
+    SUMS,
+    best_distance,
+    excluded,
+    nearest_farthest,
+    sizes_of,
+    uncertain,
+)
 from clt.init.pair_likelihood import (
     COST,
     FIELDS,
     H_PP,
     H_TP,
     H_TT,
-    ROUGH,
     Pair,
     descend,
     forward,
@@ -31,21 +35,23 @@ from clt.init.pair_likelihood import (
 )
 from clt.streams import Floats
 
-COARSE = 24
-"""Cells of the circle to begin with, for each angle."""
+COARSE = 16
+"""Cells of the circle to begin with, for each angle; the best cost is first looked for in half as
+many."""
 FEW = 7
 """Ranges that the first sweep looks at: all of them can only cost more."""
-MARGIN = 18.0
+MARGIN = 14.0
 """A pose that costs this much more than the best is impossible (chi-square, 3 dof: 4e-4), as far
 as the tracks are exact; see `fakeable`."""
-FINE = 1.2
+FINE = 2.2
 """A cell is done when the square root of the cost changes across half of it by less."""
 TRIALS = 6
 """Cells from which the best cost is first looked for."""
 MOST = 20_000
 """Cells at most; a posterior that would need more is told in coarser ones."""
-CELL = FIELDS + 2
-"""Numbers of a cell: what `weigh` tells, and its half widths in theta and phi."""
+CELL = FIELDS + 4
+"""Numbers of a cell: what `weigh` tells, its half widths and its nearest and farthest distance."""
+WIDTH_T, WIDTH_P, NEAR, FAR = range(FIELDS, CELL)
 
 
 def fewer(pair: Pair) -> Pair:
@@ -65,69 +71,102 @@ def explore(pair: Pair, few: Pair, turns: bool) -> tuple[Floats, float]:
     and has no heading that could be told.
     """
     n = pair.z.size
-    L, y, out = np.empty((n, n)), np.empty((n, 4)), np.empty(FIELDS)
-    coarse = sweep(few, turns, L, y, out)
-    order = np.argsort(coarse[:, 5])
+    L, y, out = np.empty((n, n)), np.empty((n, 6)), np.empty(FIELDS)
+    g, sums = np.empty((n, PLACES)), np.empty((2, SUMS))
+    none, more = np.zeros(n), np.empty(n)
     best, faked = np.inf, 0.0
-    for row in order[:TRIALS]:
-        descend(pair, coarse[row, 0], coarse[row, 1], turns, L, y, out)
+    coarse = circle(COARSE // 2, turns, pair.z[0], 0.0, np.inf)
+    cost = np.empty(len(coarse))
+    for row in range(len(coarse)):
+        weigh(few, coarse[row, 0], coarse[row, 1], pair.z[0], 0.0, np.inf, True, none, L, y, out)
+        cost[row] = out[COST]
+    for row in np.argsort(cost)[:TRIALS]:
+        descend(pair, coarse[row, 0], coarse[row, 1], pair.z[0], turns, L, y, out)
         if out[COST] < best:
             best, faked = out[COST], fakeable(pair, L, y)
-    possible = coarse[coarse[:, 4] <= np.sqrt(best + MARGIN + faked)]
-    return halve(pair, possible, best, MARGIN + faked, L, y, out), faked
+    most = best + MARGIN + faked
+    sizes, sizes_few = sizes_of(pair), sizes_of(few)
+    near, far = nearest_farthest(pair, sizes, most)
+    cells = circle(COARSE, turns, min(max(pair.z[0], near), far), near, far)
+    kept = 0
+    for row in range(len(cells)):
+        theta, phi, h_t, h_p, d, low, high = cells[row]
+        uncertain(few, sizes_few, theta, phi, d, h_t, h_p, more)
+        weigh(few, theta, phi, d, low, high, True, more, L, y, out)
+        if excluded(few, sizes_few, out, h_t, h_p, low, high, most, L, y, g, sums) < np.inf:
+            cells[kept], kept = cells[row], kept + 1
+    return halve(pair, sizes, cells[:kept], most, L, y, out, g, sums), faked
 
 
 @kernel
-def sweep(few: Pair, turns: bool, L: Floats, y: Floats, out: Floats) -> Floats:
-    """Cells over the whole circle of both angles, one row each.
-
-    Center and half widths in theta and phi; below what the square root of the cost is nowhere
-    within; the cost in the center.
-    """
-    across = COARSE if turns else 1
-    half = np.pi / COARSE
-    half_phi = half if turns else 0.0
-    coarse = np.empty((COARSE * across, 6))
-    for row in range(COARSE * across):
-        theta = -np.pi + (2 * (row // across) + 1) * half
-        phi = -np.pi + (2 * (row % across) + 1) * half if turns else 0.0
-        weigh(few, theta, phi, half, half_phi, L, y, out)
-        coarse[row, 0], coarse[row, 1], coarse[row, 2], coarse[row, 3] = theta, phi, half, half_phi
-        coarse[row, 4], coarse[row, 5] = least_root(out, half, half_phi), out[COST]
-    return coarse
+def circle(across: int, turns: bool, d: float, low: float, high: float) -> Floats:
+    """Cells that cover both angles: center, half widths, a distance to begin with, its bounds."""
+    turned = across if turns else 1
+    half = np.pi / across
+    cells = np.empty((across * turned, 7))
+    for row in range(across * turned):
+        cells[row, 0] = -np.pi + (2 * (row // turned) + 1) * half
+        cells[row, 1] = -np.pi + (2 * (row % turned) + 1) * half if turns else 0.0
+        cells[row, 2], cells[row, 3] = half, half if turns else 0.0
+        cells[row, 4], cells[row, 5], cells[row, 6] = d, low, high
+    return cells
 
 
 @kernel
 def halve(
-    pair: Pair, possible: Floats, best: float, margin: float, L: Floats, y: Floats, out: Floats
+    pair: Pair,
+    sizes: Floats,
+    cells: Floats,
+    most: float,
+    L: Floats,
+    y: Floats,
+    out: Floats,
+    g: Floats,
+    sums: Floats,
 ) -> Floats:
-    """Halve cells (as `sweep` tells them) until the cost hardly changes within: (m, CELL)."""
-    cells, done = np.empty((MOST, 4)), np.empty((MOST, CELL))
-    waiting, finished, head = len(possible), 0, 0
-    cells[:waiting] = possible[:, :4]
+    """Halve cells (as `circle` tells them) until the cost hardly changes within: (m, CELL).
+
+    What is left out costs more than `most`.
+    """
+    none, more = np.zeros(pair.z.size), np.empty(pair.z.size)
+    queue, done = np.empty((MOST, 7)), np.empty((MOST, CELL))
+    waiting, finished, head = len(cells), 0, 0
+    queue[:waiting] = cells
     while head < waiting:
-        theta, phi, h_t, h_p = cells[head, 0], cells[head, 1], cells[head, 2], cells[head, 3]
+        theta, phi, h_t, h_p, d, low, high = queue[head]
         head += 1
-        weigh(pair, theta, phi, h_t, h_p, L, y, out)
-        best = min(best, out[COST])
-        least = least_root(out, h_t, h_p)
-        if least > 0.0 and least * least > best + margin:
+        uncertain(pair, sizes, theta, phi, d, h_t, h_p, more)
+        weigh(pair, theta, phi, d, low, high, False, more, L, y, out)
+        off = excluded(pair, sizes, out, h_t, h_p, low, high, most, L, y, g, sums)
+        if off == np.inf:
             continue
-        if change(out, h_t, h_p) + out[ROUGH] <= FINE or waiting + 2 > MOST:
+        best = best_distance(out, low, high)
+        full = waiting + 2 > MOST
+        if full or (off == 0.0 and change(out, h_t, h_p) <= FINE):
+            weigh(pair, theta, phi, best, low, high, True, none, L, y, out)
+        if full or (off == 0.0 and change(out, h_t, h_p) <= FINE):
             done[finished, :FIELDS] = out
-            done[finished, FIELDS], done[finished, FIELDS + 1] = h_t, h_p
+            done[finished, WIDTH_T], done[finished, WIDTH_P] = h_t, h_p
+            done[finished, NEAR], done[finished, FAR] = low, high
             finished += 1
             continue
-        step_t, step_p = 0.0, 0.0
-        if h_t * h_t * out[H_TT] >= h_p * h_p * out[H_PP]:
-            h_t *= 0.5
-            step_t = h_t
-        else:
-            h_p *= 0.5
-            step_p = h_p
+        along = 0 if h_t * h_t * out[H_TT] >= h_p * h_p * out[H_PP] else 1
         for sign in (-1.0, 1.0):
-            cells[waiting, 0], cells[waiting, 1] = theta + sign * step_t, phi + sign * step_p
-            cells[waiting, 2], cells[waiting, 3] = h_t, h_p
+            child = queue[waiting]
+            child[0], child[1], child[2], child[3] = theta, phi, h_t, h_p
+            child[4], child[5], child[6] = best, low, high
+            if off > 0.0:
+                # Around the best distance nothing is left.
+                if sign < 0.0:
+                    child[6] = best - off
+                else:
+                    child[5] = best + off
+                if child[5] >= child[6]:
+                    continue
+                child[4] = child[6] if sign < 0.0 else child[5]
+            else:
+                child[along] += sign * 0.5 * child[2 + along]
+                child[2 + along] *= 0.5
             waiting += 1
     return done[:finished].copy()
 
@@ -155,9 +194,3 @@ def change(out: Floats, h_theta: float, h_phi: float) -> float:
     """By how much the square root of the linearized cost changes at most within a cell."""
     cross = 2.0 * h_theta * h_phi * abs(out[H_TP])
     return float(np.sqrt(h_theta**2 * out[H_TT] + h_phi**2 * out[H_PP] + cross))
-
-
-@lean
-def least_root(out: Floats, h_theta: float, h_phi: float) -> float:
-    """Below this the square root of the cost is nowhere within a cell."""
-    return float(np.sqrt(max(out[COST], 0.0)) - change(out, h_theta, h_phi) - out[ROUGH])

@@ -75,15 +75,14 @@ def _within(
             "where they are; give poses in a TOML file (--init FILE)"
         )
     names, joints = combine(ego, edges, static)
-    probability = np.exp([joint.log_weight - joints[0].log_weight for joint in joints])
-    probability /= probability.sum()
+    probability = shares([joint.log_weight for joint in joints])
     robots = {}
     for robot in team.robots:
         if robot.name == ego:
             robots[ego] = RobotStatus("ok", InitialPose(np.zeros(3), np.zeros((3, 3))))
         elif robot.name in names:
             k = names.index(robot.name)
-            robots[robot.name] = told(joints, probability, k, not robot.static)
+            robots[robot.name] = told(joints, k, not robot.static)
         elif robot.name in moving or robot.static:
             robots[robot.name] = unobservable(f"no chain of ranges connects it with {ego}")
         else:
@@ -103,19 +102,25 @@ def _poses(joint: Joint) -> list[InitialPose]:
     ]
 
 
-def told(joints: list[Joint], probability: Floats, k: int, turns: bool) -> RobotStatus:
-    """What the joint hypotheses say about robot k; those that hang together are one solution."""
+def told(joints: list[Joint], k: int, turns: bool) -> RobotStatus:
+    """What the joint hypotheses say about robot k; those that hang together are one solution.
+
+    Its pose is the one to which most of the posterior is alike.
+    """
     poses = [_poses(joint)[k] for joint in joints]
+    probability = shares([joint.log_weight for joint in joints])
+    first = int(np.argmax([joint.log_support for joint in joints]))
     groups = _groups(poses, turns)
     share = [float(probability[group].sum()) for group in groups]
-    order = np.argsort(-np.array(share), kind="stable").tolist()
-    best = _gathered([poses[i] for i in groups[order[0]]], probability[groups[order[0]]])
+    mine = next(g for g, group in enumerate(groups) if first in group)
+    members = [first, *(i for i in groups[mine] if i != first)]
+    best = _gathered([poses[i] for i in members], probability[members])
     rest = tuple(
         Alternative(poses[groups[g][0]].mean, share[g])
-        for g in order[1:]
-        if share[g] >= WORTH_TELLING
+        for g in np.argsort(-np.array(share), kind="stable").tolist()
+        if g != mine and share[g] >= WORTH_TELLING
     )
-    top = share[order[0]]
+    top = share[mine]
     if top >= CERTAIN and sharp(best.covariance, turns):
         return RobotStatus("ok", best, top, alternatives=rest)
     if len(rest) == 0:
@@ -123,10 +128,16 @@ def told(joints: list[Joint], probability: Floats, k: int, turns: bool) -> Robot
         turn = float(np.sqrt(best.covariance[2, 2]))
         why = f"its pose is known only to {place:.2f} m and {turn:.2f} rad"
     else:
-        why = f"{len(rest) + 1} poses explain the ranges (the best with probability {top:.2f})"
+        why = f"{len(rest) + 1} poses explain the ranges (this one with probability {top:.2f})"
     if len(rest) >= MANY or hopeless(best.covariance):
         return RobotStatus("unobservable", best, top, f"{why}: not observable yet; {DRIVE}", rest)
     return RobotStatus("ambiguous", best, top, f"{why}; {DRIVE}", rest)
+
+
+def shares(log_weight: list[float]) -> Floats:
+    """Probabilities (n,) from their logarithms, up to a constant."""
+    weight = np.exp(np.array(log_weight) - max(log_weight))
+    return np.asarray(weight / weight.sum())
 
 
 def hopeless(covariance: Floats) -> bool:

@@ -26,7 +26,8 @@ def seen(i, j, *others, sigma=0.05):
     order = np.roll(np.arange(len(mean)), 1)
     k = len(mean)
     P = np.tile(np.diag([sigma, sigma, sigma]) ** 2, (k, 1, 1))
-    return Hypotheses(mean[order], P, np.full(k, 1.0 / k), 0.0, k == 1)
+    share = np.full(k, 1.0 / k)
+    return Hypotheses(mean[order], P, share, share, 0.0, k == 1)
 
 
 def test_a_cycle_of_pairs_tells_which_of_their_hypotheses_are_true():

@@ -1,0 +1,251 @@
+"""The bound of the search for relative poses against costs worked out anew, pose by pose."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from clt.geometry import rotation, wrap
+from clt.init.pair_bound import (
+    DD,
+    GROWTH,
+    PD,
+    PLACES,
+    PP,
+    SPREAD,
+    SUMS,
+    TD,
+    TP,
+    TT,
+    X,
+    best_distance,
+    excluded,
+    higher,
+    nearest_farthest,
+    prepare,
+    pull,
+    sizes_of,
+    third_order,
+    turned_off,
+    uncertain,
+)
+from clt.init.pair_likelihood import AT, COST, FIELDS, PHI, THETA, Pair, descend, weigh
+from clt.init.pair_solutions import FAR, MARGIN, NEAR, WIDTH_P, WIDTH_T, explore, fewer
+
+
+def drawn(rng, n, drift, scatter):
+    """A pair of curvy tracks with correlated errors along and across, and scatter within ranges."""
+
+    def track():
+        heading = np.cumsum(0.5 * rng.standard_normal(n - 1))
+        steps = 0.6 * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+        return np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
+
+    def covariance():
+        root = drift * rng.standard_normal((n, 2, 2 * n))
+        root = np.cumsum(root, axis=0) / np.sqrt(2 * n)
+        return np.einsum("kia,lja->klij", root, root)
+
+    a, b = track(), track()
+    pose = np.array([*rng.uniform(-4.0, 4.0, 2), rng.uniform(-np.pi, np.pi)])
+    z = np.hypot(*(pose[:2] + b @ rotation(pose[2]).T - a).T) + 0.2 * rng.standard_normal(n)
+    joint = scatter * rng.standard_normal((n, 4, 4))
+    S = joint @ np.swapaxes(joint, 1, 2)
+    return Pair(
+        np.abs(z),
+        rng.uniform(0.01, 0.05, n),
+        a,
+        b,
+        covariance(),
+        covariance(),
+        np.ascontiguousarray(S[:, :2, :2]),
+        np.ascontiguousarray(S[:, 2:, 2:]),
+        np.ascontiguousarray(S[:, :2, 2:]),
+    )
+
+
+def cost_of(pair, theta, phi, d):
+    """r^T W^-1 r by numpy alone."""
+    r, W = residuals_and_covariance(pair, theta, phi, d)
+    return float(r @ np.linalg.solve(W, r))
+
+
+def residuals_and_covariance(pair, theta, phi, d):
+    """r and W by numpy alone."""
+    R = rotation(phi)
+    q = d * np.array([np.cos(theta), np.sin(theta)])
+    w = q + (pair.b - pair.b[0]) @ R.T - (pair.a - pair.a[0])
+    apart = np.linalg.norm(w, axis=1)
+    u = w / apart[:, None]
+    n = np.stack([-u[:, 1], u[:, 0]], axis=1)
+    m, v = n @ R, u @ R
+    across = (
+        np.einsum("ki,kij,kj->k", n, pair.S_a, n)
+        + np.einsum("ki,kij,kj->k", m, pair.S_b, m)
+        - 2.0 * np.einsum("ki,kij,kj->k", n, pair.S_ab, m)
+    )
+    expected = np.sqrt(apart**2 + across)
+    W = np.einsum("ki,klij,lj->kl", u, pair.P_a, u) + np.einsum("ki,klij,lj->kl", v, pair.P_b, v)
+    W += np.diag(pair.variance + 0.5 * (across / expected) ** 2)
+    return pair.z - expected, W
+
+
+def center(pair, theta, phi, d, low, high, h_t, h_p):
+    """What `excluded` needs of a cell."""
+    n = pair.z.size
+    sizes, more = sizes_of(pair), np.empty(n)
+    L, y, out = np.empty((n, n)), np.empty((n, 6)), np.empty(FIELDS)
+    uncertain(pair, sizes, theta, phi, d, h_t, h_p, more)
+    weigh(pair, theta, phi, d, low, high, False, more, L, y, out)
+    g, sums = np.empty((n, PLACES)), np.empty((2, SUMS))
+
+    def how_far(most):
+        return excluded(pair, sizes, out, h_t, h_p, low, high, most, L, y, g, sums)
+
+    return how_far, out
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    n=st.integers(3, 14),
+    drift=st.sampled_from([0.0, 0.02, 0.2]),
+    scatter=st.sampled_from([0.0, 0.02, 0.2]),
+    half=st.sampled_from([0.01, 0.05, 0.2]),
+)
+def test_no_pose_of_a_cell_costs_less_than_the_bound_says(seed, n, drift, scatter, half):
+    rng = np.random.default_rng(seed)
+    pair = drawn(rng, n, drift, scatter)
+    theta, phi = rng.uniform(-np.pi, np.pi, 2)
+    h_t, h_p = half * rng.uniform(0.2, 1.0, 2)
+    low = pair.z[0] * rng.uniform(0.3, 1.0)
+    high = low + rng.uniform(0.05, 1.5)
+    d = rng.uniform(low, high)
+    how_far, out = center(pair, theta, phi, d, low, high, h_t, h_p)
+    poses = np.array([theta, phi]) + np.array([h_t, h_p]) * rng.uniform(-1.0, 1.0, (60, 2))
+    poses[:4] = theta + h_t, phi + h_p
+    poses[1:3] -= 2.0 * np.array([[h_t, 0.0], [0.0, h_p]])
+    distances = rng.uniform(low, high, 60)
+    distances[:2], distances[2:4] = low, high
+    cost = np.array([cost_of(pair, *at, far) for at, far in zip(poses, distances, strict=True)])
+    assert how_far(cost.min() * (1.0 + 1e-9)) < np.inf
+    # What is excluded around the best distance is, too.
+    for most in np.quantile(cost, [0.1, 0.5]):
+        off = how_far(most)
+        if 0.0 < off < np.inf:
+            near = np.abs(distances - best_distance(out, low, high)) < off
+            assert np.all(cost[near] > most)
+
+
+@settings(max_examples=80, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    drift=st.sampled_from([0.0, 0.2]),
+    scatter=st.sampled_from([0.0, 0.1]),
+    half=st.sampled_from([0.003, 0.03, 0.15, 0.5]),
+)
+def test_two_ranges_stay_within_what_their_expansion_neglects(seed, drift, scatter, half):
+    rng = np.random.default_rng(seed)
+    pair = drawn(rng, 2, drift, scatter)
+    middle = np.array([*rng.uniform(-np.pi, np.pi, 2), rng.uniform(0.5, 3.0)])
+    h = half * np.array([1.0, 1.0, 2.0]) * rng.choice([0.1, 1.0], 3)
+    h[2] = min(h[2], 0.4 * middle[2])
+    sizes = sizes_of(pair)
+    L, y, out = np.empty((2, 2)), np.empty((2, 6)), np.empty(FIELDS)
+    weigh(pair, *middle, 0.0, np.inf, False, np.zeros(2), L, y, out)
+    g, sums = np.empty((2, PLACES)), np.empty((2, SUMS))
+    prepare(pair, out, 0.0, 0.0, 0.0, L, y, g, sums)
+    pull(pair, g, sums)
+    x = g[:, X].copy()
+
+    def told(pose):
+        r, W = residuals_and_covariance(pair, *pose)
+        return np.array([x @ r, x @ W @ x])
+
+    value, s = told(middle), sums[0]
+    gradient = np.array([[-s[2], -s[3], -s[1]], s[[GROWTH, GROWTH + 3, GROWTH + 6]]])
+    hessian = -np.array([[s[TT], s[TP], s[TD]], [s[TP], s[PP], s[PD]], [s[TD], s[PD], s[DD]]])
+    np.testing.assert_allclose(value, [s[0], s[SPREAD]], rtol=1e-9)
+    if scatter == 0.0:
+        np.testing.assert_allclose(gradient, derivative(told, middle), rtol=1e-4, atol=1e-4)
+    less, more = np.sum([higher(out[AT], sizes, k, *h, 0.0, g) for k in range(2)], axis=0)
+    rounding = 1e-9 * (1.0 + np.abs(value))
+    for sign in rng.choice([-1.0, -0.5, 0.0, 0.5, 1.0], (60, 3)):
+        e = sign * h
+        off = told(middle + e) - value - gradient @ e
+        assert abs(off[0] - 0.5 * e @ hessian @ e) <= less + rounding[0]
+        assert off[1] <= more + rounding[1]
+
+
+def derivative(function, at):
+    """Gradient (2, 3) by central differences."""
+    step = 1e-5 * np.eye(3)
+    return np.stack([(function(at + e) - function(at - e)) / 2e-5 for e in step], axis=-1)
+
+
+def test_wide_cells_far_from_the_truth_are_excluded():
+    """The bound is of use: most cells a few degrees wide are dropped at once."""
+    rng = np.random.default_rng(1)
+    pair = drawn(rng, 13, 0.0, 0.0)
+    dropped = 0
+    for theta, phi in rng.uniform(-np.pi, np.pi, (200, 2)):
+        d = pair.z[0]
+        how_far, _ = center(pair, theta, phi, d, d - 0.6, d + 0.6, 0.065, 0.065)
+        dropped += how_far(30.0) == np.inf
+    assert dropped > 120
+
+
+@pytest.mark.parametrize("ratio", [0.01, 0.1, 0.3, 0.6, 0.9, 0.99])
+def test_higher_orders_of_a_distance_and_of_its_direction_are_bounded(ratio):
+    turn = np.linspace(0.0, 2.0 * np.pi, 4001)
+    for part in np.linspace(0.05, 1.0, 20):
+        along, across = part * ratio * np.cos(turn), part * ratio * np.sin(turn)
+        length = np.hypot(1.0 + along, across)
+        left = np.abs(length - 1.0 - along - 0.5 * across**2)
+        assert left.max() <= ratio * third_order(ratio) * (1.0 + 1e-12)
+        off = np.hypot((1.0 + along) / length - 1.0, across / length - across)
+        assert off.max() <= turned_off(ratio) * (1.0 + 1e-12)
+
+
+def test_beyond_a_whole_distance_the_third_order_is_at_most_the_second():
+    turn = np.linspace(0.0, 2.0 * np.pi, 4001)
+    for ratio in (1.0, 1.5, 4.0):
+        along, across = ratio * np.cos(turn), ratio * np.sin(turn)
+        left = np.abs(np.hypot(1.0 + along, across) - 1.0 - along - 0.5 * across**2)
+        assert left.max() <= ratio * third_order(ratio)
+
+
+def test_the_first_range_bounds_the_distance_of_every_cheap_pose():
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        pair = drawn(rng, 8, 0.05, 0.1)
+        near, far = nearest_farthest(pair, sizes_of(pair), 25.0)
+        for theta, phi in rng.uniform(-np.pi, np.pi, (20, 2)):
+            for d in (0.999 * near, 1.001 * far):
+                assert d <= 1.1e-3 or cost_of(pair, theta, phi, d) > 25.0
+
+
+@pytest.mark.parametrize(("drift", "scatter"), [(0.0, 0.0), (0.03, 0.0), (0.05, 0.05)])
+def test_no_minimum_that_dense_starts_find_is_outside_the_cells(drift, scatter):
+    rng = np.random.default_rng(3)
+    for _ in range(4):
+        pair = drawn(rng, 9, drift, scatter)
+        cells, faked = explore(pair, fewer(pair), True)
+        minima = dense_minima(pair)
+        most = min(minima[:, COST].min(), cells[:, COST].min()) + MARGIN + faked
+        cheap = minima[minima[:, COST] < most - 1e-6]
+        assert len(cheap) > 0
+        for found in cheap:
+            e = np.abs(wrap(cells[:, [THETA, PHI]] - found[[THETA, PHI]]))
+            inside = np.all(e <= cells[:, [WIDTH_T, WIDTH_P]] + 1e-9, axis=1)
+            inside &= (cells[:, NEAR] <= found[AT] + 1e-9) & (found[AT] <= cells[:, FAR] + 1e-9)
+            assert inside.any()
+
+
+def dense_minima(pair):
+    """Where weighted least squares ends from all over both circles and several distances."""
+    n = pair.z.size
+    L, y, out = np.empty((n, n)), np.empty((n, 6)), np.empty(FIELDS)
+    across = np.arange(-np.pi, np.pi, np.pi / 14.0)
+    starts = [(t, p, part * pair.z[0]) for t in across for p in across for part in (0.8, 1.2)]
+    return np.array([out.copy() for at in starts if descend(pair, *at, True, L, y, out)])
