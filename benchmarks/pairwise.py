@@ -4,13 +4,14 @@
         [--figures FOLDER]
 
 Two robots start 1 m to 4 m apart, in any direction, with any headings ("arena": anywhere in Li's
-arena of 9 m x 2 m, at least 1 m apart), and drive steps of 0.6 m: straight; gentle (0.1 rad a
-step); weave (0.5 rad a step, swinging with a period of 8 steps); curvy (every step turns by a
-normal angle of 0.5 rad). Odometry errors are a random walk that is off by the given distance (RMS)
-after 15 steps. The pose told (as `clt init` tells it) is right within 1 m and 20 degrees; "could be":
-how often the best possible answer would be, by the posterior itself; "in the set": the truth lies in
-the 99.7 % region of a hypothesis. Times are of the processor. FOLDER gets the paper's Fig. 6, theta
-and phi against the number of ranges.
+arena of 9 m x 2 m, at least 1 m apart; "paper": 2 m apart at 90 degrees, turned by -14.6), and
+drive steps of 0.6 m: straight; gentle (0.1 rad a step); weave (0.5 rad a step, swinging with a
+period of 8 steps); curvy (every step turns by a normal angle of 0.5 rad). Odometry errors are a
+random walk that is off by the given distance (RMS) after 15 steps. The pose told, as `clt init`
+tells it, is right within 1 m and 20 degrees; "could be": how often the best possible answer would
+be, by the posterior itself; "in the set": the truth lies in the 99.7 % region of a hypothesis.
+Times are of the processor. FOLDER gets the paper's Fig. 6, theta and phi against the number of
+ranges.
 """
 
 from __future__ import annotations

@@ -43,6 +43,22 @@ class Robot:
 
 
 @dataclass(frozen=True)
+class Communication:
+    """The network among the robots of a team, which a filter without a centre has to live with."""
+
+    graph: str = "complete"
+    """Who may hear whom: complete, line, ring, or links as R1-R2,R2-R3."""
+    reach: float = float("inf")
+    """How far a robot is heard, m."""
+    rate: float = 10.0
+    """Rounds of messages per second."""
+    loss: float = 0.0
+    """Probability that a neighbour does not hear a message."""
+    delay: float = 0.0
+    """Of one message, s."""
+
+
+@dataclass(frozen=True)
 class Team:
     """All robots of a log. A robot's index in `robots` is what the columns hold."""
 
@@ -51,6 +67,8 @@ class Team:
     """Noise of one calibrated range where its message does not tell, m."""
     range_correlation: float = 0.0
     """Correlation time of the error of one pair's ranges, s; 0: independent."""
+    communication: Communication | None = None
+    """How the robots talk to each other, where the log tells."""
 
     @property
     def names(self) -> tuple[str, ...]:

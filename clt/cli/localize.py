@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from clt.filters.world import Estimator
     from clt.init.start import Start
     from clt.pipeline import Result
-    from clt.streams import Recording
+    from clt.streams import Communication, Recording
 
 ENGINES = ("compiled", "filterpy")
 WANTED = frozenset({"odometry", "ranges", "frames", "truth"})
@@ -109,6 +109,7 @@ def localize(
     clock = [perf_counter()]
     loaded = load(log, inputs["streams"], WANTED)
     console.report(loaded.recording.faults)
+    settings = read_settings(inputs["config"], sets, loaded.recording.team.communication)
     recording = with_ranges(loaded.recording, console)
     if (document := inputs["calibration"]) is not None:
         recording = apply(recording, read_calibration(document))
@@ -176,19 +177,35 @@ def poses_file(init: str) -> Path | None:
     return Path(init)
 
 
-def read_settings(config: Path | Document | None, sets: list[str]) -> FilterSettings:
-    """Settings by precedence: defaults < file < environment < --set."""
+def read_settings(
+    config: Path | Document | None, sets: list[str], told: Communication | None = None
+) -> FilterSettings:
+    """Settings by precedence: defaults < what the log has told < file < environment < --set."""
     from clt.filters.settings import FilterSettings
     from clt.settings import assign, assignments, from_environment, parse, read_toml
 
     tree = {} if config is None else read_toml(config)
     tree = parse(FilterSettings, tree, str(config)).model_dump(exclude_unset=True)
+    if told is not None:
+        tree["dpf"] = network_of(told) | tree.get("dpf", {})
+        tree = parse(FilterSettings, tree, "the log's clt.team").model_dump(exclude_unset=True)
     for key, value in from_environment(FilterSettings).items():
         assign(tree, key, value)
     tree = parse(FilterSettings, tree, "environment").model_dump(exclude_unset=True)
     for key, value in assignments(sets).items():
         assign(tree, key, value)
     return parse(FilterSettings, tree, "--set")
+
+
+def network_of(told: Communication) -> dict[str, object]:
+    """What a log tells of the network among its robots as keys of `dpf`."""
+    network: dict[str, object] = {
+        "graph": told.graph,
+        "interval": 1.0 / told.rate,
+        "loss": told.loss,
+        "delay": told.delay,
+    }
+    return network if told.reach == float("inf") else network | {"reach": told.reach}
 
 
 def with_ranges(recording: Recording, console: Console) -> Recording:

@@ -7,20 +7,22 @@ import math
 import re
 import sys
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 from typing import Any, Literal, cast
 
 from clt.errors import LogError
-from clt.streams import Robot, Team
+from clt.streams import Communication, Robot, Team
 
 TEAM = "clt.team"
 RUN = "clt.run"
 CALIBRATION = "calibration"
 """Which calibration the columns contain, as JSON: a key of `clt.team`, and of `Recording.run`."""
+COMMUNICATION = "communication"
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 def encode_team(team: Team, calibration: Mapping[str, object] | None = None) -> dict[str, str]:
-    """A team as a metadata record: `robots`, the ranges' noise and, if given, `calibration`.
+    """A team as a metadata record: `robots`, the ranges' noise and, if given, the rest.
 
     NaN ("not known") is written as null. Raises ValueError for an infinite number.
     """
@@ -30,6 +32,11 @@ def encode_team(team: Team, calibration: Mapping[str, object] | None = None) -> 
     }
     if team.range_correlation > 0.0:
         record["range_correlation"] = team.range_correlation
+    if team.communication is not None:
+        told = asdict(team.communication)
+        record[COMMUNICATION] = told | {
+            "reach": told["reach"] if told["reach"] < math.inf else None
+        }
     if calibration is not None:
         record[CALIBRATION] = calibration
     return {
@@ -49,11 +56,27 @@ def decode_team(record: Mapping[str, str]) -> Team:
         tuple(_decode(robot, f"robots[{index}]") for index, robot in enumerate(robots)),
         _number(_json(record, "range_sigma", "null"), "range_sigma", positive=True),
         0.0 if math.isnan(correlation) else correlation,
+        _communication(_json(record, COMMUNICATION, "null")),
     )
     for what, values in (("name", team.names), ("id", [robot.id for robot in team.robots])):
         if len(set(values)) < len(values):
             raise LogError(f"{TEAM}: two robots share one {what}")
     return team
+
+
+def _communication(table: Any) -> Communication | None:
+    if table is None:
+        return None
+    if not isinstance(table, dict) or not isinstance(table.get("graph", ""), str):
+        raise LogError(f"{TEAM}: `{COMMUNICATION}` is not a table with a `graph`")
+    numbers = {
+        key: _number(table[key], f"{COMMUNICATION}.{key}", positive=True)
+        for key in ("reach", "rate", "loss", "delay")
+        if table.get(key) is not None
+    }
+    if numbers.get("rate", 1.0) == 0.0:
+        raise LogError(f"{TEAM}: `{COMMUNICATION}.rate` is 0")
+    return Communication(table.get("graph", "complete"), **numbers)
 
 
 def decode_run(records: Iterable[tuple[str, Mapping[str, str]]]) -> dict[str, str]:

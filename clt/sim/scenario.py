@@ -15,6 +15,7 @@ from clt.errors import UsageError
 from clt.settings import Settings, assign, nearest, parse, read_toml
 from clt.sim.drives import Trajectory, Wander
 from clt.sim.settings import (
+    Communication,
     Network,
     Outliers,
     Radio,
@@ -41,6 +42,8 @@ class Scenario(Settings):
     network: Network = Network()
     radio: Radio | None = None
     """Absent: the log holds ranges. Present: raw packets of a UWB network instead."""
+    communication: Communication | None = None
+    """Absent: the log does not tell how the robots talk to each other."""
 
     @model_validator(mode="after")
     def names_are_unique(self) -> Self:

@@ -199,3 +199,21 @@ class Network(Settings):
     recorder: Name | None = off(None)
     """The robot on which the recorder runs: its own messages take no network, its clock is right.
     Without one the recorder stands apart."""
+
+
+class Communication(Settings):
+    """The network among the robots, over which a filter without a centre works.
+
+    It changes no measurement: the log tells of it, and `clt localize --filter dpf` goes by it.
+    """
+
+    graph: str = "complete"
+    """Who may hear whom: complete, line, ring, or links as R1-R2,R2-R3."""
+    reach: Positive | None = None
+    """How far a robot is heard, m; absent: everywhere."""
+    rate: Rate = 10.0
+    """Rounds of messages per second."""
+    loss: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    """Probability that a neighbour does not hear a message."""
+    delay: NonNegative = 0.0
+    """Of one message, s."""

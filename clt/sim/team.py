@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import count
-from math import nan
+from math import inf, nan
 
 from clt.sim.scenario import Scenario
 from clt.sim.settings import RobotTable
 from clt.sim.values import Area, Point
-from clt.streams import Robot, Team
+from clt.streams import Communication, Robot, Team
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,12 @@ def members(scenario: Scenario) -> list[Member]:
 def team_of(scenario: Scenario, team: list[Member]) -> Team:
     """What the log tells about the team; ranges out of raw packets tell their own noise."""
     sigma = scenario.sensors.range.sigma if scenario.radio is None else nan
-    return Team(tuple(member.robot for member in team), sigma)
+    told = scenario.communication
+    communication = None
+    if told is not None:
+        reach = inf if told.reach is None else told.reach
+        communication = Communication(told.graph, reach, told.rate, told.loss, told.delay)
+    return Team(tuple(member.robot for member in team), sigma, communication=communication)
 
 
 def _tables(scenario: Scenario) -> list[RobotTable]:

@@ -162,3 +162,24 @@ def test_a_world_that_begins_where_a_robot_stood_is_no_frame_that_moves_with_it(
     assert (told["frame"], told["align"]) == ("R1/start", "se2")
     assert set(told["robots"]) == {"R1", "R2"}
     assert told["team"]["estimate"]["ape"]["rmse"] < 0.7
+
+
+def test_the_network_of_a_scenario_is_that_of_the_distributed_filter(clt, folder):
+    network = ("graph=line", "rate=2", "loss=0.1", "delay=0.01", "reach=50")
+    words = [word for key in network for word in ("--set", f"communication.{key}")]
+    code, _, _ = clt("simulate", "li-three", "--duration", "3", *words, "-o", "line.mcap", "-q")
+    assert code == 0
+
+    def settings(out, *more):
+        words = ("--filter", "dpf", "--frame", "ego:R1", "--init", "truth", "-q")
+        code, _, told = clt("localize", "line.mcap", "-o", out, *words, *more)
+        assert code in {0, 3}, told
+        run = load(folder / out).recording.run
+        return json.loads(run["config"])["dpf"], json.loads(run["traffic"])
+
+    own, traffic = settings("line-out.mcap")
+    assert own["graph"] == "line"
+    assert (own["interval"], own["loss"], own["delay"], own["reach"]) == (0.5, 0.1, 0.01, 50.0)
+    other, direct = settings("complete-out.mcap", "--set", "dpf.graph=complete")
+    assert other == own | {"graph": "complete"}
+    assert direct != traffic

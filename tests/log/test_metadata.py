@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from clt.errors import LogError
 from clt.log.metadata import decode_team, encode_team
-from clt.streams import Robot, Team
+from clt.streams import Communication, Robot, Team
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 sigma = st.one_of(st.just(math.nan), st.floats(0.0, 1e9))
@@ -34,6 +34,15 @@ teams = st.builds(
     ).map(tuple),
     range_sigma=sigma,
     range_correlation=st.floats(0.0, 1e6),
+    communication=st.none()
+    | st.builds(
+        Communication,
+        graph=st.text(),
+        reach=st.floats(0.0, 1e6) | st.just(math.inf),
+        rate=st.floats(1e-3, 1e3),
+        loss=st.floats(0.0, 0.99),
+        delay=st.floats(0.0, 1e3),
+    ),
 )
 
 
@@ -103,6 +112,10 @@ def test_a_short_record_is_enough():
         (robot(sigma_omega=True), "sigma_omega"),
         (robot(sigma_omega=10**400), "sigma_omega"),
         (robot() | {"range_sigma": '"a"'}, "range_sigma"),
+        (robot() | {"communication": "[]"}, "communication"),
+        (robot() | {"communication": '{"graph": 1}'}, "communication"),
+        (robot() | {"communication": '{"rate": 0}'}, "communication.rate"),
+        (robot() | {"communication": '{"loss": "much"}'}, "communication.loss"),
         ({"robots": json.dumps([{"name": "R1", "id": 1}] * 2)}, "two robots share one name"),
         (
             {"robots": json.dumps([{"name": "R1", "id": 1}, {"name": "R2", "id": 1}])},
