@@ -123,6 +123,7 @@ def excluded(
     low: float,
     high: float,
     most: float,
+    inner: float,
     L: Floats,
     y: Floats,
     g: Floats,
@@ -130,7 +131,8 @@ def excluded(
 ) -> float:
     """How far from the best distance (m) the cost is above `most` everywhere in a cell.
 
-    Infinite where that holds for the whole cell, 0 where not even for the best distance. The cell
+    Infinite where that holds for the whole cell, `inner` where not even from there on; whatever is
+    nearer than `inner` (m) to the best distance is not looked at. The cell
     holds what lies within h_t of theta and h_p of phi (rad) of the center that `weigh` has just
     told `out`, `L` and `y` of, at distances low .. high (m). `g` (n, PLACES) and `sums` (2, SUMS)
     are scratch.
@@ -140,10 +142,11 @@ def excluded(
     low, high = low - out[AT], high - out[AT]
     step = min(max(out[BEYOND] + out[D_THETA] * t + out[D_PHI] * p, low), high)
     prepare(pair, out, step, t, p, L, y, g, sums)
-    if sums[0, 0] ** 2 <= most * sums[0, SPREAD]:
+    if inner == 0.0 and sums[0, 0] ** 2 <= most * sums[0, SPREAD]:
         return 0.0
     pull(pair, g, sums)
-    inner, outer, further = 0.0, PART * np.sqrt(out[VAR_D]), FURTHER * FURTHER * FURTHER
+    outer = inner * FURTHER if inner > 0.0 else PART * np.sqrt(out[VAR_D])
+    further = FURTHER * FURTHER * FURTHER
     while True:
         near, far = max(low, best - outer), min(high, best + outer)
         if inner == 0.0:
@@ -239,10 +242,12 @@ def prepare(
         r_x, r_y = c * b_x - s * b_y, s * b_x + c * b_y
         w_x, w_y = between(pair, k, c, s, d * e_x, d * e_y)
         apart = np.sqrt(w_x * w_x + w_y * w_y)
-        across = scatter_across(pair, k, c, s, w_x, w_y)
+        far = apart if apart > NEAREST else np.inf
+        s_x, s_y = (w_x / apart, w_y / apart) if apart > NEAREST else (e_x, e_y)
+        across = scatter_across(pair, k, c, s, s_x, s_y)
         f = np.sqrt(apart * apart + across) + TINY
         g[k, APART], g[k, ACROSS], g[k, RANGE] = apart, across, f
-        u_x, u_y = w_x / f, w_y / f
+        u_x, u_y = s_x * apart / f, s_y * apart / f
         # f_ij = u^T w_ij + (w_i^T w_j - (u^T w_i) (u^T w_j)) / f
         u_t, u_p, u_d = d * (u_y * e_x - u_x * e_y), u_y * r_x - u_x * r_y, u_x * e_x + u_y * e_y
         tt = (d * d - u_t * u_t) / f - d * u_d
@@ -397,7 +402,7 @@ def higher(
         return weight * less, swollen * weight * weight
     ratio = moved / max(apart, NEAREST)
     off = 2.0 + ratio
-    if ratio < 1.0:
+    if ratio < 1.0 and apart > NEAREST:
         off = min(turned_off(ratio) + (second + third) / apart, off)
     off_b = off + angle * h_p + 0.5 * h_p * h_p
     a, b = g[k, PULL_A] + abs(s) * g[k, PULL_A + 1], g[k, PULL_B] + abs(s) * g[k, PULL_B + 1]

@@ -63,6 +63,8 @@ class Hypotheses:
     """Squared residuals of the best solution, in units of their variance."""
     unique: bool
     """One solution, as sure as CERTAIN and sharp enough to linearize a filter at."""
+    complete: bool = True
+    """The search was not cut off: nothing is missing."""
 
 
 def divided(cells: Floats) -> Floats:
@@ -105,7 +107,9 @@ def poses(pair: Pair, theta: Floats, phi: Floats, d: Floats) -> Floats:
     return np.concatenate([p, wrap(phi)[:, None]], axis=1)
 
 
-def gather(pair: Pair, cells: Floats, faked: float, turns: bool) -> Hypotheses:
+def gather(
+    pair: Pair, cells: Floats, faked: float, turns: bool, complete: bool = True
+) -> Hypotheses:
     """Hypotheses from the cells (m, CELL) of a search, which odometry noise may fake to `faked`."""
     cells = divided(cells)
     log_mass = log_masses(cells)
@@ -132,9 +136,9 @@ def gather(pair: Pair, cells: Floats, faked: float, turns: bool) -> Hypotheses:
         ]
     )
     probability = weight[keep] / weight[keep].sum()
-    unique = bool(probability[0] >= CERTAIN and sharp(covariance[0], turns))
+    unique = bool(complete and probability[0] >= CERTAIN and sharp(covariance[0], turns))
     cost = float(seeds[:, COST].min())
-    return Hypotheses(centers, covariance, probability, support, cost, unique)
+    return Hypotheses(centers, covariance, probability, support, cost, unique, complete)
 
 
 def sharp(covariance: Floats, turns: bool) -> bool:

@@ -64,11 +64,11 @@ def weigh(
 
     With `step`, one of Gauss-Newton leads from `d` (m), where W is taken, to AT, where the ranges
     are linearized. Variances are `more` (n,) larger than those of the pair, m^2. `out` (FIELDS,)
-    receives the best distance, the cost r^T W^-1 r there, log det W,
-    the variance of d, gradient and Hessian (Gauss-Newton, d eliminated) of half the cost; AT; by
-    how much the best distance without bounds lies BEYOND AT, and how it moves with theta and phi
-    (D_THETA, D_PHI; m / rad). `L` (n, n) is left with the factor of W, `y` (n, 6) with residuals
-    and derivatives by d, theta and phi, whitened.
+    receives, all as the linearization promises: the best distance; the cost r^T W^-1 r of the best
+    one without bounds, which lies BEYOND AT and moves with theta and phi (D_THETA, D_PHI; m / rad);
+    log det W; the variance of d; gradient and Hessian (Gauss-Newton, d gone) of half the cost.
+    `L` (n, n) is left with the factor of W, `y` (n, 6) with residuals and derivatives by d, theta
+    and phi, whitened.
     """
     n = pair.z.size
     c, s = np.cos(phi), np.sin(phi)
@@ -229,6 +229,12 @@ def forward(L: Floats, y: Floats, n: int, columns: int) -> None:
             y[i, j] *= L[i, i]
 
 
+@lean
+def attained(out: Floats) -> float:
+    """r^T W^-1 r at the distance AT, as `weigh` without `step` told it."""
+    return float(out[COST] + out[BEYOND] * out[BEYOND] / out[VAR_D])
+
+
 @kernel
 def descend(
     pair: Pair,
@@ -240,15 +246,15 @@ def descend(
     y: Floats,
     out: Floats,
 ) -> bool:
-    """Iterative weighted least squares from a pose; the last `weigh` in `out`.
+    """Iterative weighted least squares from a pose; the last accepted `weigh` in `out`.
 
     Gauss-Newton with Levenberg's damping where a step does not help; W follows the pose. False
-    where it has not converged.
+    where it has not converged. `L` and `y` may be those of a step that was refused.
     """
     ahead, none = np.empty(FIELDS), np.zeros(pair.z.size)
-    weigh(pair, theta, phi, d, NEAREST, np.inf, True, none, L, y, out)
+    weigh(pair, theta, phi, max(d, NEAREST), NEAREST, np.inf, False, none, L, y, out)
     damping = 1e-9
-    for _ in range(40):
+    for _ in range(60):
         scale = out[H_TT] + out[H_PP] + 1e-12
         h_tt, h_pp, h_tp = out[H_TT] + damping * scale, out[H_PP] + damping * scale, out[H_TP]
         if turns:
@@ -260,10 +266,12 @@ def descend(
         longest = max(abs(step_t), abs(step_p))
         if longest > 0.3:
             step_t, step_p = 0.3 * step_t / longest, 0.3 * step_p / longest
-        gained = step_t * out[G_THETA] + step_p * out[G_PHI]
-        theta, phi, d = out[THETA] + step_t, out[PHI] + step_p, out[DISTANCE]
-        weigh(pair, theta, phi, d, NEAREST, np.inf, True, none, L, y, ahead)
-        if ahead[COST] <= out[COST] + 1e-9:
+        step_d = (out[BEYOND] + out[D_THETA] * step_t + out[D_PHI] * step_p) / (1.0 + damping)
+        d = min(max(out[AT] + step_d, 0.3 * out[AT], NEAREST), 3.0 * out[AT])
+        gained = step_t * out[G_THETA] + step_p * out[G_PHI] + out[BEYOND] ** 2 / out[VAR_D]
+        theta, phi = out[THETA] + step_t, out[PHI] + step_p
+        weigh(pair, theta, phi, d, NEAREST, np.inf, False, none, L, y, ahead)
+        if attained(ahead) <= attained(out) + 1e-9:
             out[:] = ahead
             damping = max(0.1 * damping, 1e-9)
             if longest < 1e-9 or gained < 1e-10:

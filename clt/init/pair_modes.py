@@ -7,6 +7,8 @@ import numpy as np
 from clt.filters.compiled import kernel, lean
 from clt.filters.modes import wrapped
 from clt.init.pair_likelihood import (
+    D_PHI,
+    D_THETA,
     DISTANCE,
     FIELDS,
     H_PP,
@@ -14,6 +16,7 @@ from clt.init.pair_likelihood import (
     H_TT,
     PHI,
     THETA,
+    VAR_D,
     Pair,
     descend,
 )
@@ -22,6 +25,8 @@ from clt.streams import Floats, Indices
 
 REACH = 0.2
 """Standard deviation in theta and phi (rad) that one hypothesis shall not exceed by much."""
+REACH_D = 0.12
+"""The same for the distance, m."""
 COVERED = 16.0
 """Squared distance (in units of variance) up to which cells belong to a solution."""
 REST = 5e-4
@@ -87,7 +92,8 @@ def away(seed: Floats, cell: Floats) -> float:
     t, p = wrapped(cell[THETA] - seed[THETA]), wrapped(cell[PHI] - seed[PHI])
     least = 1.0 / (REACH * REACH)
     along = (seed[H_TT] + least) * t * t + (seed[H_PP] + least) * p * p
-    return float(along + 2.0 * seed[H_TP] * t * p)
+    d = cell[DISTANCE] - seed[DISTANCE] - seed[D_THETA] * t - seed[D_PHI] * p
+    return float(along + 2.0 * seed[H_TP] * t * p + d * d / (seed[VAR_D] + REACH_D * REACH_D))
 
 
 @kernel

@@ -23,12 +23,20 @@ from clt.init.pair_bound import (
     uncertain,
 )
 from clt.init.pair_likelihood import (
+    AT,
+    BEYOND,
     COST,
+    DISTANCE,
     FIELDS,
     H_PP,
     H_TP,
     H_TT,
+    NEAREST,
+    PHI,
+    THETA,
+    VAR_D,
     Pair,
+    attained,
     descend,
     forward,
     weigh,
@@ -45,13 +53,22 @@ MARGIN = 14.0
 as the tracks are exact; see `fakeable`."""
 FINE = 2.2
 """A cell is done when the square root of the cost changes across half of it by less."""
+ALONE = 5.0
+"""So many deviations from the best distance no other may be as good: one Gaussian tells a cell."""
+RARE = 9.0
+"""Below what is impossible, costs from which a pose is all but that."""
+KEPT, LEAST = 2.0, 0.1
+"""The linearized cost may be too low by KEPT where a cell is done, if its distances differ by more
+than LEAST deviations."""
 TRIALS = 6
 """Cells from which the best cost is first looked for."""
 MOST = 20_000
-"""Cells at most; a posterior that would need more is told in coarser ones."""
+"""Cells at most; a posterior that would need more is told in coarser ones, and never unique."""
 CELL = FIELDS + 4
 """Numbers of a cell: what `weigh` tells, its half widths and its nearest and farthest distance."""
 WIDTH_T, WIDTH_P, NEAR, FAR = range(FIELDS, CELL)
+DISTANT, DONE = 2, 3
+"""What to halve beside theta (0) and phi (1): the distances, or nothing."""
 
 
 def fewer(pair: Pair) -> Pair:
@@ -64,8 +81,10 @@ def fewer(pair: Pair) -> Pair:
 
 
 @kernel
-def explore(pair: Pair, few: Pair, turns: bool) -> tuple[Floats, float]:
-    """Cells (m, CELL) that hold all of the posterior, and what cost odometry noise may fake.
+def explore(pair: Pair, few: Pair, turns: bool) -> tuple[Floats, float, bool]:
+    """Cells (m, CELL) that hold all of the posterior; what cost odometry noise may fake; all done.
+
+    Not all are done where there would be more than MOST: the rest is coarse, and may hide minima.
 
     `few` is the pair with some of its ranges only. Without `turns` phi stays 0: robot j is static
     and has no heading that could be told.
@@ -82,8 +101,9 @@ def explore(pair: Pair, few: Pair, turns: bool) -> tuple[Floats, float]:
         cost[row] = out[COST]
     for row in np.argsort(cost)[:TRIALS]:
         descend(pair, coarse[row, 0], coarse[row, 1], pair.z[0], turns, L, y, out)
-        if out[COST] < best:
-            best, faked = out[COST], fakeable(pair, L, y)
+        weigh(pair, out[THETA], out[PHI], out[AT], 0.0, np.inf, False, none, L, y, out)
+        if attained(out) < best:
+            best, faked = attained(out), fakeable(pair, L, y)
     most = best + MARGIN + faked
     sizes, sizes_few = sizes_of(pair), sizes_of(few)
     near, far = nearest_farthest(pair, sizes, most)
@@ -93,9 +113,10 @@ def explore(pair: Pair, few: Pair, turns: bool) -> tuple[Floats, float]:
         theta, phi, h_t, h_p, d, low, high = cells[row]
         uncertain(few, sizes_few, theta, phi, d, h_t, h_p, more)
         weigh(few, theta, phi, d, low, high, True, more, L, y, out)
-        if excluded(few, sizes_few, out, h_t, h_p, low, high, most, L, y, g, sums) < np.inf:
+        if excluded(few, sizes_few, out, h_t, h_p, low, high, most, 0.0, L, y, g, sums) < np.inf:
             cells[kept], kept = cells[row], kept + 1
-    return halve(pair, sizes, cells[:kept], most, L, y, out, g, sums), faked
+    found, complete = halve(pair, sizes, cells[:kept], most, L, y, out, g, sums)
+    return found, faked, complete
 
 
 @kernel
@@ -123,52 +144,88 @@ def halve(
     out: Floats,
     g: Floats,
     sums: Floats,
-) -> Floats:
+) -> tuple[Floats, bool]:
     """Halve cells (as `circle` tells them) until the cost hardly changes within: (m, CELL).
 
-    What is left out costs more than `most`.
+    What is left out costs more than `most`. Also tells whether all could be done.
     """
     none, more = np.zeros(pair.z.size), np.empty(pair.z.size)
     queue, done = np.empty((MOST, 7)), np.empty((MOST, CELL))
-    waiting, finished, head = len(cells), 0, 0
+    waiting, finished, head, complete = len(cells), 0, 0, True
     queue[:waiting] = cells
     while head < waiting:
         theta, phi, h_t, h_p, d, low, high = queue[head]
         head += 1
         uncertain(pair, sizes, theta, phi, d, h_t, h_p, more)
         weigh(pair, theta, phi, d, low, high, False, more, L, y, out)
-        off = excluded(pair, sizes, out, h_t, h_p, low, high, most, L, y, g, sums)
+        off = excluded(pair, sizes, out, h_t, h_p, low, high, most, 0.0, L, y, g, sums)
         if off == np.inf:
             continue
         best = best_distance(out, low, high)
+        along = 0 if h_t * h_t * out[H_TT] >= h_p * h_p * out[H_PP] else 1
         full = waiting + 2 > MOST
         if full or (off == 0.0 and change(out, h_t, h_p) <= FINE):
             weigh(pair, theta, phi, best, low, high, True, none, L, y, out)
-        if full or (off == 0.0 and change(out, h_t, h_p) <= FINE):
-            done[finished, :FIELDS] = out
-            done[finished, WIDTH_T], done[finished, WIDTH_P] = h_t, h_p
-            done[finished, NEAR], done[finished, FAR] = low, high
-            finished += 1
-            continue
-        along = 0 if h_t * h_t * out[H_TT] >= h_p * h_p * out[H_PP] else 1
+            if change(out, h_t, h_p) <= FINE:
+                along = settled(pair, sizes, out, h_t, h_p, low, high, most, none, L, y, g, sums)
+            complete = complete and (along == DONE or not full)
+            if full or along == DONE:
+                done[finished, :FIELDS] = out
+                done[finished, WIDTH_T], done[finished, WIDTH_P] = h_t, h_p
+                done[finished, NEAR], done[finished, FAR] = low, high
+                finished += 1
+                continue
         for sign in (-1.0, 1.0):
             child = queue[waiting]
             child[0], child[1], child[2], child[3] = theta, phi, h_t, h_p
             child[4], child[5], child[6] = best, low, high
-            if off > 0.0:
-                # Around the best distance nothing is left.
-                if sign < 0.0:
-                    child[6] = best - off
-                else:
-                    child[5] = best + off
+            if off > 0.0 or along == DISTANT:
+                # Around the best distance nothing is left; else in halves.
+                middle = best + sign * off if off > 0.0 else 0.5 * (low + high)
+                child[5 if sign > 0.0 else 6] = middle
                 if child[5] >= child[6]:
                     continue
-                child[4] = child[6] if sign < 0.0 else child[5]
+                child[4] = min(max(best, child[5]), child[6])
             else:
                 child[along] += sign * 0.5 * child[2 + along]
                 child[2 + along] *= 0.5
             waiting += 1
-    return done[:finished].copy()
+    return done[:finished].copy(), complete
+
+
+@lean
+def settled(
+    pair: Pair,
+    sizes: Floats,
+    out: Floats,
+    h_t: float,
+    h_p: float,
+    low: float,
+    high: float,
+    most: float,
+    none: Floats,
+    L: Floats,
+    y: Floats,
+    g: Floats,
+    sums: Floats,
+) -> int:
+    """DONE where one Gaussian tells the distances low .. high (m) of a cell, else DISTANT.
+
+    `out` becomes the linearization at the best of them, which must keep what it promises; and,
+    unless it is all but impossible, beyond ALONE deviations from it no other distance may cost
+    less than `most`.
+    """
+    deviation = out[DISTANCE] - out[AT] - out[BEYOND]
+    promised = out[COST] + deviation * deviation / out[VAR_D]
+    d = max(out[DISTANCE], NEAREST)
+    weigh(pair, out[THETA], out[PHI], d, low, high, False, none, L, y, out)
+    sigma = np.sqrt(out[VAR_D])
+    if attained(out) > promised + KEPT and high - low > LEAST * sigma:
+        return DISTANT
+    if high - low <= 2.0 * ALONE * sigma or attained(out) > most - RARE:
+        return DONE
+    beyond = excluded(pair, sizes, out, h_t, h_p, low, high, most, ALONE * sigma, L, y, g, sums)
+    return DONE if beyond == np.inf else DISTANT
 
 
 @lean

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from clt.errors import CltError
@@ -23,6 +25,7 @@ UNKNOWN = 0.8
 """Standard deviation of a heading (rad) that is not known at all."""
 WORTH_TELLING = 1e-3
 """Probability from which an alternative is listed."""
+CUT_OFF = "the search for the relative pose of {} was cut off: there may be others; " + DRIVE
 OVERLAP = 9.0
 """Squared distance, in units of their summed variance, of solutions that are one."""
 
@@ -74,6 +77,7 @@ def _within(
             f"no ranges between robots with odometry in the first {SPANS[-1]} s: nothing tells "
             "where they are; give poses in a TOML file (--init FILE)"
         )
+    cut_off = ["-".join(pair) for pair, found in edges.items() if not found.complete]
     names, joints = combine(ego, edges, static)
     probability = shares([joint.log_weight for joint in joints])
     robots = {}
@@ -82,7 +86,10 @@ def _within(
             robots[ego] = RobotStatus("ok", InitialPose(np.zeros(3), np.zeros((3, 3))))
         elif robot.name in names:
             k = names.index(robot.name)
-            robots[robot.name] = told(joints, k, not robot.static)
+            status = told(joints, k, not robot.static)
+            if status.status == "ok" and len(cut_off) > 0:
+                status = replace(status, status="ambiguous", why=CUT_OFF.format(", ".join(cut_off)))
+            robots[robot.name] = status
         elif robot.name in moving or robot.static:
             robots[robot.name] = unobservable(f"no chain of ranges connects it with {ego}")
         else:

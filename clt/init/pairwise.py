@@ -41,8 +41,8 @@ def solve_pair(pair: Pair, turns: bool = True) -> Hypotheses:
 
 
 def _solve(pair: Pair, turns: bool) -> Hypotheses:
-    cells, faked = explore(pair, fewer(pair), turns)
-    return gather(pair, cells, faked, turns)
+    cells, faked, complete = explore(pair, fewer(pair), turns)
+    return gather(pair, cells, faked, turns, complete)
 
 
 def widened(pair: Pair, factor: float) -> Pair:

@@ -100,7 +100,7 @@ def center(pair, theta, phi, d, low, high, h_t, h_p):
     g, sums = np.empty((n, PLACES)), np.empty((2, SUMS))
 
     def how_far(most):
-        return excluded(pair, sizes, out, h_t, h_p, low, high, most, L, y, g, sums)
+        return excluded(pair, sizes, out, h_t, h_p, low, high, most, 0.0, L, y, g, sums)
 
     return how_far, out
 
@@ -230,7 +230,8 @@ def test_no_minimum_that_dense_starts_find_is_outside_the_cells(drift, scatter):
     rng = np.random.default_rng(3)
     for _ in range(4):
         pair = drawn(rng, 9, drift, scatter)
-        cells, faked = explore(pair, fewer(pair), True)
+        cells, faked, complete = explore(pair, fewer(pair), True)
+        assert complete
         minima = dense_minima(pair)
         most = min(minima[:, COST].min(), cells[:, COST].min()) + MARGIN + faked
         cheap = minima[minima[:, COST] < most - 1e-6]

@@ -112,3 +112,43 @@ def test_residuals_beyond_their_noise_widen_the_answer():
     honest, found = solve_pair(noisy), solve_pair(bold)
     ratio = np.sqrt(np.trace(found.covariance[0]) / np.trace(honest.covariance[0]))
     assert 0.5 < ratio < 2.0
+
+
+def still(z, sigma, a):
+    """Ranges from places that odometry knows exactly to a robot that stands."""
+    n = len(z)
+    P, S = np.zeros((n, n, 2, 2)), np.zeros((n, 2, 2))
+    a = np.array(a, np.float64)
+    return Pair(
+        np.array(z, np.float64), np.array(sigma) ** 2, a, np.zeros((n, 2)), P, P, S, S, S.copy()
+    )
+
+
+def test_two_solutions_in_one_direction_are_told_apart():
+    """Mirror images at the line that robot i drove along, both straight ahead of its start."""
+    ys = np.linspace(-0.5, 0.5, 8)
+    a = [(0.0, 0.0), *((2.0, y) for y in ys)]
+    found = solve_pair(still([2.0, *np.hypot(0.7, ys)], [1.0, *[0.05] * 8], a), turns=False)
+    assert not found.unique
+    for x in (1.3, 2.7):
+        assert np.min(np.hypot(found.mean[:, 0] - x, found.mean[:, 1])) < 0.05
+
+
+@pytest.mark.parametrize(("row", "excess"), [(12, 100.0), (4, 300.0), (0, 300.0), (2, 1e5)])
+def test_a_range_that_is_wildly_wrong_is_survived(row, excess):
+    rng = np.random.default_rng(9)
+    a, b = (track(rng.normal(0.0, 0.5, 12), rng) for _ in "ab")
+    pair = measured(a, b, np.array([3.0, -2.0, 1.0]), 0.2, 0.0, rng)
+    pair.z[row] += excess
+    found = solve_pair(pair)
+    assert np.all(np.isfinite(found.mean))
+    assert np.all(np.isfinite(found.covariance))
+    assert not found.unique
+
+
+def test_a_search_that_is_cut_off_calls_nothing_unique():
+    rng = np.random.default_rng(10)
+    a = track(rng.normal(0.0, 0.5, 12), rng)
+    pair = measured(a, a, np.zeros(3), 0.01, 0.0, rng)
+    found = solve_pair(pair)
+    assert found.complete or not found.unique
