@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from clt.errors import UsageError
-from clt.filters.consensus import Bools, groups, traffic
+from clt.filters.consensus import Bools, groups, links, traffic
 from clt.filters.dpf_points import INDEX_BYTES, Points, copies
 from clt.filters.dpf_rounds import at_the_end, rows
 from clt.filters.dpf_team import (
@@ -36,7 +36,8 @@ from clt.streams import Floats, Indices
 def solve_dpf(problem: Problem, settings: FilterSettings) -> Solution:
     """Run the team's filters; the solution is the ego's, the innovations each measurer's.
 
-    Raises UsageError for other frames than a robot's, and for delays longer than a round.
+    Raises UsageError for other frames than a robot's, for graphs that leave robots out, and for
+    delays longer than a round.
     """
     check(problem, settings)
     team = assemble(problem, settings)
@@ -69,6 +70,13 @@ def check(problem: Problem, settings: FilterSettings) -> None:
         raise UsageError(
             "points cannot keep what never changes apart: noise.scale and noise.bias need "
             "dpf.likelihood=fit"
+        )
+    names = problem.drivers
+    first = groups(links(settings.dpf.graph, names), np.ones(len(names), np.bool_))[0]
+    if first.size < len(names):
+        apart = ", ".join(name for i, name in enumerate(names) if i not in first)
+        raise UsageError(
+            f"dpf.graph={settings.dpf.graph} cuts {apart} off from {names[0]}: link all robots"
         )
     wanted = settings.dpf.iterations * settings.dpf.delay
     if wanted > settings.dpf.interval:
