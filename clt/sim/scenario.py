@@ -23,6 +23,7 @@ from clt.sim.settings import (
     Sensors,
     TeamTable,
 )
+from clt.sim.values import off
 
 BUILT_IN = resources.files("clt.scenarios")
 
@@ -42,7 +43,7 @@ class Scenario(Settings):
     network: Network = Network()
     radio: Radio | None = None
     """Absent: the log holds ranges. Present: raw packets of a UWB network instead."""
-    communication: Communication | None = None
+    communication: Communication | None = off(None)
     """Absent: the log does not tell how the robots talk to each other."""
 
     @model_validator(mode="after")
