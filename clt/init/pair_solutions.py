@@ -3,7 +3,8 @@
 Cells of directions theta, turns phi and distances d are halved again and again. One is dropped only
 when `pair_bound` shows that no pose within it costs as little as the best known one and a margin;
 one is done when the cost hardly changes across it. No start has to be guessed and, up to rounding,
-no minimum within the margin is missed. What remains is the posterior, cell by cell.
+every minimum within the margin is in a cell that is left. These are the posterior, cell by cell; a
+cell tells its distances as one Gaussian, so two minima at distances close together may become one.
 """
 
 from __future__ import annotations
