@@ -23,6 +23,8 @@ THETA, PHI, DISTANCE, COST, LOG_DET, VAR_D, G_THETA, G_PHI, H_TT, H_TP, H_PP = r
 AT, BEYOND, D_THETA, D_PHI = range(11, FIELDS)
 NEAREST = 1e-3
 """Two antennas are never closer, m."""
+SMALL, LARGE = 1e-200, 1e200
+"""A product of variances beyond these goes on as a sum of logarithms."""
 
 
 class Pair(NamedTuple):
@@ -54,7 +56,6 @@ def weigh(
     d: float,
     low: float,
     high: float,
-    step: bool,
     more: Floats,
     L: Floats,
     y: Floats,
@@ -62,31 +63,21 @@ def weigh(
 ) -> None:
     """Weigh a direction and a turn (rad) with the best distance for them in low .. high (m).
 
-    With `step`, one of Gauss-Newton leads from `d` (m), where W is taken, to AT, where the ranges
-    are linearized. Variances are `more` (n,) larger than those of the pair, m^2. `out` (FIELDS,)
-    receives, all as the linearization promises: the best distance; the cost r^T W^-1 r of the best
-    one without bounds, which lies BEYOND AT and moves with theta and phi (D_THETA, D_PHI; m / rad);
-    log det W; the variance of d; gradient and Hessian (Gauss-Newton, d gone) of half the cost.
-    `L` (n, n) is left with the factor of W, `y` (n, 6) with residuals and derivatives by d, theta
-    and phi, whitened.
+    All is linearized at `d` (m), and W taken there. Variances are `more` (n,) larger than those of
+    the pair, m^2. `out` (FIELDS,) receives, all as the linearization promises: the best distance;
+    the cost r^T W^-1 r of the best one without bounds, which lies BEYOND AT and moves with theta
+    and phi (D_THETA, D_PHI; m / rad); log det W; the variance of d; gradient and Hessian
+    (Gauss-Newton, d gone) of half the cost. `L` (n, n) is left with the factor of W, `y` (n, 8)
+    with residuals and derivatives by d, theta and phi, whitened, and with the lines of sight as
+    both robots see them.
     """
     n = pair.z.size
     c, s = np.cos(phi), np.sin(phi)
     e_x, e_y = np.cos(theta), np.sin(theta)
-    residuals(pair, c, s, e_x, e_y, d, L, y, True)
+    residuals(pair, c, s, e_x, e_y, d, L, y)
     for k in range(n):
         L[k, k] += more[k]
     log_det = factor(L, n)
-    at = d
-    if step:
-        forward(L, y, n, 2)
-        slope, information = 0.0, 0.0
-        for k in range(n):
-            slope += y[k, 0] * y[k, 1]
-            information += y[k, 1] * y[k, 1]
-        at = min(max(d + slope / information, 0.3 * d), 3.0 * d)
-        at = min(max(at, low), high)
-        residuals(pair, c, s, e_x, e_y, at, L, y, False)
     forward(L, y, n, 4)
     rr, rd, dd, rt, rp, dt, dp, tt, tp, pp = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n):
@@ -102,11 +93,11 @@ def weigh(
         tp += y_t * y_p
         pp += y_p * y_p
     out[THETA], out[PHI] = theta, phi
-    out[DISTANCE] = min(max(at + rd / dd, low), high)
+    out[DISTANCE] = min(max(d + rd / dd, low), high)
     out[COST], out[LOG_DET], out[VAR_D] = rr - rd * rd / dd, log_det, 1.0 / dd
     out[G_THETA], out[G_PHI] = rt - rd * dt / dd, rp - rd * dp / dd
     out[H_TT], out[H_TP], out[H_PP] = tt - dt * dt / dd, tp - dt * dp / dd, pp - dp * dp / dd
-    out[AT], out[BEYOND] = at, rd / dd
+    out[AT], out[BEYOND] = d, rd / dd
     out[D_THETA], out[D_PHI] = -dt / dd, -dp / dd
 
 
@@ -120,7 +111,6 @@ def residuals(
     d: float,
     L: Floats,
     y: Floats,
-    with_W: bool,
 ) -> None:
     """Residuals, derivatives by d, theta, phi and lines of sight into `y`, and W into `L`.
 
@@ -145,24 +135,20 @@ def residuals(
         y[k, 2] = share * d * (u_y * e_x - u_x * e_y)
         y[k, 3] = share * (u_y * r_x - u_x * r_y)
         y[k, 4], y[k, 5] = u_x, u_y
-        if with_W:
-            L[k, k] = pair.variance[k] + 0.5 * (across / expected) ** 2
-    if not with_W:
-        return
+        y[k, 6], y[k, 7] = c * u_x + s * u_y, -s * u_x + c * u_y
+        L[k, k] = pair.variance[k] + 0.5 * (across / expected) ** 2
     for k in range(n):
-        u_x, u_y = y[k, 4], y[k, 5]
-        v_x, v_y = c * u_x + s * u_y, -s * u_x + c * u_y
+        own = L[k, k]
+        u_x, u_y, v_x, v_y = y[k, 4], y[k, 5], y[k, 6], y[k, 7]
         for m in range(k + 1):
-            o_x, o_y = y[m, 4], y[m, 5]
-            q_x, q_y = c * o_x + s * o_y, -s * o_x + c * o_y
             P, Q = pair.P_a[k, m], pair.P_b[k, m]
-            value = (
-                u_x * (P[0, 0] * o_x + P[0, 1] * o_y)
-                + u_y * (P[1, 0] * o_x + P[1, 1] * o_y)
-                + v_x * (Q[0, 0] * q_x + Q[0, 1] * q_y)
-                + v_y * (Q[1, 0] * q_x + Q[1, 1] * q_y)
+            L[k, m] = (
+                u_x * (P[0, 0] * y[m, 4] + P[0, 1] * y[m, 5])
+                + u_y * (P[1, 0] * y[m, 4] + P[1, 1] * y[m, 5])
+                + v_x * (Q[0, 0] * y[m, 6] + Q[0, 1] * y[m, 7])
+                + v_y * (Q[1, 0] * y[m, 6] + Q[1, 1] * y[m, 7])
             )
-            L[k, m] = value + (L[k, k] if m == k else 0.0)
+        L[k, k] += own
 
 
 @lean
@@ -203,19 +189,22 @@ def factor(L: Floats, n: int) -> float:
 
     The diagonal is left inverted: solves multiply instead of dividing.
     """
-    log_det = 0.0
-    for i in range(n):
-        for j in range(i):
+    det, log_det = 1.0, 0.0
+    for j in range(n):
+        # By columns: their elements do not wait for each other.
+        total = L[j, j]
+        for k in range(j):
+            total -= L[j, k] * L[j, k]
+        L[j, j] = 1.0 / math.sqrt(total)
+        det *= total
+        if det < SMALL or det > LARGE:
+            det, log_det = 1.0, log_det + math.log(det)
+        for i in range(j + 1, n):
             total = L[i, j]
             for k in range(j):
                 total -= L[i, k] * L[j, k]
             L[i, j] = total * L[j, j]
-        total = L[i, i]
-        for k in range(i):
-            total -= L[i, k] * L[i, k]
-        L[i, i] = 1.0 / math.sqrt(total)
-        log_det += math.log(total)
-    return log_det
+    return log_det + math.log(det)
 
 
 @lean
@@ -231,7 +220,7 @@ def forward(L: Floats, y: Floats, n: int, columns: int) -> None:
 
 @lean
 def attained(out: Floats) -> float:
-    """r^T W^-1 r at the distance AT, as `weigh` without `step` told it."""
+    """r^T W^-1 r at the distance AT, as `weigh` told it."""
     return float(out[COST] + out[BEYOND] * out[BEYOND] / out[VAR_D])
 
 
@@ -252,7 +241,7 @@ def descend(
     where it has not converged. `L` and `y` may be those of a step that was refused.
     """
     ahead, none = np.empty(FIELDS), np.zeros(pair.z.size)
-    weigh(pair, theta, phi, max(d, NEAREST), NEAREST, np.inf, False, none, L, y, out)
+    weigh(pair, theta, phi, max(d, NEAREST), NEAREST, np.inf, none, L, y, out)
     damping = 1e-9
     for _ in range(60):
         scale = out[H_TT] + out[H_PP] + 1e-12
@@ -270,7 +259,7 @@ def descend(
         d = min(max(out[AT] + step_d, 0.3 * out[AT], NEAREST), 3.0 * out[AT])
         gained = step_t * out[G_THETA] + step_p * out[G_PHI] + out[BEYOND] ** 2 / out[VAR_D]
         theta, phi = out[THETA] + step_t, out[PHI] + step_p
-        weigh(pair, theta, phi, d, NEAREST, np.inf, False, none, L, y, ahead)
+        weigh(pair, theta, phi, d, NEAREST, np.inf, none, L, y, ahead)
         if attained(ahead) <= attained(out) + 1e-9:
             out[:] = ahead
             damping = max(0.1 * damping, 1e-9)

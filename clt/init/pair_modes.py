@@ -50,7 +50,7 @@ def spread_seeds(
     solution; where that is one that we have, the cell stands for itself.
     """
     n, m = pair.z.size, len(cells)
-    L, y, out = np.empty((n, n)), np.empty((n, 6)), np.empty(FIELDS)
+    L, y, out = np.empty((n, n)), np.empty((n, 8)), np.empty(FIELDS)
     density = mass / (cells[:, WIDTH_T] * np.maximum(cells[:, WIDTH_P], 1e-12))
     seeds, parent, count = np.empty((SEVERAL, FIELDS)), np.empty(SEVERAL, np.int64), 0
     mine, least = np.full(m, -1), np.full(m, np.inf)

@@ -14,15 +14,8 @@ import math
 import numpy as np
 
 from clt.filters.compiled import kernel, lean
-from clt.init.pair_bound import (
-    PLACES,
-    SUMS,
-    best_distance,
-    excluded,
-    nearest_farthest,
-    sizes_of,
-    uncertain,
-)
+from clt.init.pair_bound import best_distance, best_in_box, excluded, nearest_farthest, promised
+from clt.init.pair_expansion import Work, uncertain, work_for
 from clt.init.pair_likelihood import (
     AT,
     BEYOND,
@@ -42,6 +35,7 @@ from clt.init.pair_likelihood import (
     forward,
     weigh,
 )
+from clt.init.pair_promises import KEPT, one_minimum
 from clt.streams import Floats
 
 COARSE = 16
@@ -52,15 +46,12 @@ FEW = 7
 MARGIN = 14.0
 """A pose that costs this much more than the best is impossible (chi-square, 3 dof: 4e-4), as far
 as the tracks are exact; see `fakeable`."""
-FINE = 2.2
-"""A cell is done when the square root of the cost changes across half of it by less."""
-ALONE = 5.0
-"""So many deviations from the best distance no other may be as good: one Gaussian tells a cell."""
+FINE, DEAR_FINE = 2.2, 4.4
+"""A cell is done when the square root of the cost changes across half of it by less; the latter
+where that is RARE or less below what is impossible."""
 RARE = 9.0
-"""Below what is impossible, costs from which a pose is all but that."""
-KEPT, LEAST = 2.0, 0.1
-"""The linearized cost may be too low by KEPT where a cell is done, if its distances differ by more
-than LEAST deviations."""
+LEAST = 0.1
+"""So many deviations of the distance need not be told apart."""
 TRIALS = 6
 """Cells from which the best cost is first looked for."""
 MOST = 20_000
@@ -90,33 +81,28 @@ def explore(pair: Pair, few: Pair, turns: bool) -> tuple[Floats, float, bool]:
     `few` is the pair with some of its ranges only. Without `turns` phi stays 0: robot j is static
     and has no heading that could be told.
     """
-    n = pair.z.size
-    L, y, out = np.empty((n, n)), np.empty((n, 6)), np.empty(FIELDS)
-    g, sums = np.empty((n, PLACES)), np.empty((2, SUMS))
-    none, more = np.zeros(n), np.empty(n)
+    work, work_few, none = work_for(pair), work_for(few), np.zeros(pair.z.size)
+    L, y, out = work.L, work.y, work.out
     best, faked = np.inf, 0.0
     coarse = circle(COARSE // 2, turns, pair.z[0], 0.0, np.inf)
     cost = np.empty(len(coarse))
     for row in range(len(coarse)):
-        weigh(few, coarse[row, 0], coarse[row, 1], pair.z[0], 0.0, np.inf, True, none, L, y, out)
+        theta, phi = coarse[row, 0], coarse[row, 1]
+        weigh(few, theta, phi, pair.z[0], 0.0, np.inf, none, L, y, out)
         cost[row] = out[COST]
     for row in np.argsort(cost)[:TRIALS]:
         descend(pair, coarse[row, 0], coarse[row, 1], pair.z[0], turns, L, y, out)
-        weigh(pair, out[THETA], out[PHI], out[AT], 0.0, np.inf, False, none, L, y, out)
+        weigh(pair, out[THETA], out[PHI], out[AT], 0.0, np.inf, none, L, y, out)
         if attained(out) < best:
             best, faked = attained(out), fakeable(pair, L, y)
     most = best + MARGIN + faked
-    sizes, sizes_few = sizes_of(pair), sizes_of(few)
-    near, far = nearest_farthest(pair, sizes, most)
+    near, far = nearest_farthest(pair, work.sizes, most)
     cells = circle(COARSE, turns, min(max(pair.z[0], near), far), near, far)
     kept = 0
     for row in range(len(cells)):
-        theta, phi, h_t, h_p, d, low, high = cells[row]
-        uncertain(few, sizes_few, theta, phi, d, h_t, h_p, more)
-        weigh(few, theta, phi, d, low, high, True, more, L, y, out)
-        if excluded(few, sizes_few, out, h_t, h_p, low, high, most, 0.0, L, y, g, sums) < np.inf:
+        if considered(few, work_few, cells[row], most) < np.inf:
             cells[kept], kept = cells[row], kept + 1
-    found, complete = halve(pair, sizes, cells[:kept], most, L, y, out, g, sums)
+    found, complete = halve(pair, work, cells[:kept], most)
     return found, faked, complete
 
 
@@ -134,41 +120,38 @@ def circle(across: int, turns: bool, d: float, low: float, high: float) -> Float
     return cells
 
 
+@lean
+def considered(pair: Pair, work: Work, cell: Floats, most: float) -> float:
+    """How far from the best distance a cell (as `circle` tells it) is excluded; see there."""
+    theta, phi, h_t, h_p, d, low, high = cell
+    uncertain(pair, work, theta, phi, d, h_t, h_p)
+    weigh(pair, theta, phi, d, low, high, work.more, work.L, work.y, work.out)
+    return float(excluded(pair, work, h_t, h_p, low, high, most))
+
+
 @kernel
-def halve(
-    pair: Pair,
-    sizes: Floats,
-    cells: Floats,
-    most: float,
-    L: Floats,
-    y: Floats,
-    out: Floats,
-    g: Floats,
-    sums: Floats,
-) -> tuple[Floats, bool]:
+def halve(pair: Pair, work: Work, cells: Floats, most: float) -> tuple[Floats, bool]:
     """Halve cells (as `circle` tells them) until the cost hardly changes within: (m, CELL).
 
     What is left out costs more than `most`. Also tells whether all could be done.
     """
-    none, more = np.zeros(pair.z.size), np.empty(pair.z.size)
+    none, out = np.zeros(pair.z.size), work.out
     queue, done = np.empty((MOST, 7)), np.empty((MOST, CELL))
     waiting, finished, head, complete = len(cells), 0, 0, True
     queue[:waiting] = cells
     while head < waiting:
-        theta, phi, h_t, h_p, d, low, high = queue[head]
+        theta, phi, h_t, h_p, _, low, high = queue[head]
+        off = considered(pair, work, queue[head], most)
         head += 1
-        uncertain(pair, sizes, theta, phi, d, h_t, h_p, more)
-        weigh(pair, theta, phi, d, low, high, False, more, L, y, out)
-        off = excluded(pair, sizes, out, h_t, h_p, low, high, most, 0.0, L, y, g, sums)
         if off == np.inf:
             continue
         best = best_distance(out, low, high)
         along = 0 if h_t * h_t * out[H_TT] >= h_p * h_p * out[H_PP] else 1
         full = waiting + 2 > MOST
-        if full or (off == 0.0 and change(out, h_t, h_p) <= FINE):
-            weigh(pair, theta, phi, best, low, high, True, none, L, y, out)
-            if change(out, h_t, h_p) <= FINE:
-                along = settled(pair, sizes, out, h_t, h_p, low, high, most, none, L, y, g, sums)
+        if full or (off == 0.0 and change(out, h_t, h_p) <= fine(out, queue[head - 1], most)):
+            weigh(pair, theta, phi, best, low, high, none, work.L, work.y, out)
+            if change(out, h_t, h_p) <= fine(out, queue[head - 1], most):
+                along = settled(pair, work, none, low, high, most)
             complete = complete and (along == DONE or not full)
             if full or along == DONE:
                 done[finished, :FIELDS] = out
@@ -195,38 +178,28 @@ def halve(
 
 
 @lean
-def settled(
-    pair: Pair,
-    sizes: Floats,
-    out: Floats,
-    h_t: float,
-    h_p: float,
-    low: float,
-    high: float,
-    most: float,
-    none: Floats,
-    L: Floats,
-    y: Floats,
-    g: Floats,
-    sums: Floats,
-) -> int:
-    """DONE where one Gaussian tells the distances low .. high (m) of a cell, else DISTANT.
+def fine(out: Floats, cell: Floats, most: float) -> float:
+    """How much the square root of the cost may change in a cell (as `circle` tells it)."""
+    t, p = best_in_box(out, cell[2], cell[3])
+    return FINE if promised(out, t, p, cell[5], cell[6]) <= most - RARE else DEAR_FINE
 
-    `out` becomes the linearization at the best of them, which must keep what it promises; and,
-    unless it is all but impossible, beyond ALONE deviations from it no other distance may cost
-    less than `most`.
+
+@lean
+def settled(pair: Pair, work: Work, none: Floats, low: float, high: float, most: float) -> int:
+    """DONE where one Gaussian tells the distances low .. high (m) of a direction, else DISTANT.
+
+    `work` becomes the linearization at the best of them, which must keep what it promises, there
+    and all along.
     """
-    deviation = out[DISTANCE] - out[AT] - out[BEYOND]
-    promised = out[COST] + deviation * deviation / out[VAR_D]
+    out = work.out
+    off = out[DISTANCE] - out[AT] - out[BEYOND]
+    expected = out[COST] + off * off / out[VAR_D]
     d = max(out[DISTANCE], NEAREST)
-    weigh(pair, out[THETA], out[PHI], d, low, high, False, none, L, y, out)
-    sigma = np.sqrt(out[VAR_D])
-    if attained(out) > promised + KEPT and high - low > LEAST * sigma:
-        return DISTANT
-    if high - low <= 2.0 * ALONE * sigma or attained(out) > most - RARE:
+    weigh(pair, out[THETA], out[PHI], d, low, high, none, work.L, work.y, out)
+    if high - low <= LEAST * np.sqrt(out[VAR_D]):
         return DONE
-    beyond = excluded(pair, sizes, out, h_t, h_p, low, high, most, ALONE * sigma, L, y, g, sums)
-    return DONE if beyond == np.inf else DISTANT
+    kept = attained(out) <= expected + KEPT and one_minimum(pair, work, low, high, most)
+    return DONE if kept else DISTANT
 
 
 @lean

@@ -6,31 +6,30 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clt.geometry import rotation, wrap
-from clt.init.pair_bound import (
+from clt.init.pair_bound import best_distance, excluded, nearest_farthest
+from clt.init.pair_expansion import (
     DD,
     GROWTH,
     PD,
-    PLACES,
     PP,
     SPREAD,
-    SUMS,
     TD,
     TP,
     TT,
     X,
-    best_distance,
-    excluded,
     higher,
-    nearest_farthest,
     prepare,
     pull,
     sizes_of,
     third_order,
     turned_off,
     uncertain,
+    work_for,
 )
-from clt.init.pair_likelihood import AT, COST, FIELDS, PHI, THETA, Pair, descend, weigh
+from clt.init.pair_likelihood import AT, COST, FIELDS, PHI, THETA, Pair, descend, factor, weigh
+from clt.init.pair_promises import one_minimum
 from clt.init.pair_solutions import FAR, MARGIN, NEAR, WIDTH_P, WIDTH_T, explore, fewer
+from clt.init.pairwise import solve_pair
 
 
 def drawn(rng, n, drift, scatter):
@@ -92,17 +91,14 @@ def residuals_and_covariance(pair, theta, phi, d):
 
 def center(pair, theta, phi, d, low, high, h_t, h_p):
     """What `excluded` needs of a cell."""
-    n = pair.z.size
-    sizes, more = sizes_of(pair), np.empty(n)
-    L, y, out = np.empty((n, n)), np.empty((n, 6)), np.empty(FIELDS)
-    uncertain(pair, sizes, theta, phi, d, h_t, h_p, more)
-    weigh(pair, theta, phi, d, low, high, False, more, L, y, out)
-    g, sums = np.empty((n, PLACES)), np.empty((2, SUMS))
+    work = work_for(pair)
+    uncertain(pair, work, theta, phi, d, h_t, h_p)
+    weigh(pair, theta, phi, d, low, high, work.more, work.L, work.y, work.out)
 
     def how_far(most):
-        return excluded(pair, sizes, out, h_t, h_p, low, high, most, 0.0, L, y, g, sums)
+        return excluded(pair, work, h_t, h_p, low, high, most)
 
-    return how_far, out
+    return how_far, work.out
 
 
 @settings(max_examples=60, deadline=None)
@@ -150,25 +146,23 @@ def test_two_ranges_stay_within_what_their_expansion_neglects(seed, drift, scatt
     middle = np.array([*rng.uniform(-np.pi, np.pi, 2), rng.uniform(0.5, 3.0)])
     h = half * np.array([1.0, 1.0, 2.0]) * rng.choice([0.1, 1.0], 3)
     h[2] = min(h[2], 0.4 * middle[2])
-    sizes = sizes_of(pair)
-    L, y, out = np.empty((2, 2)), np.empty((2, 6)), np.empty(FIELDS)
-    weigh(pair, *middle, 0.0, np.inf, False, np.zeros(2), L, y, out)
-    g, sums = np.empty((2, PLACES)), np.empty((2, SUMS))
-    prepare(pair, out, 0.0, 0.0, 0.0, L, y, g, sums)
-    pull(pair, g, sums)
-    x = g[:, X].copy()
+    work = work_for(pair)
+    weigh(pair, *middle, 0.0, np.inf, np.zeros(2), work.L, work.y, work.out)
+    prepare(pair, work, 0.0, 0.0, 0.0)
+    pull(pair, work.g, work.sums)
+    x = work.g[:, X].copy()
 
     def told(pose):
         r, W = residuals_and_covariance(pair, *pose)
         return np.array([x @ r, x @ W @ x])
 
-    value, s = told(middle), sums[0]
+    value, s = told(middle), work.sums[0]
     gradient = np.array([[-s[2], -s[3], -s[1]], s[[GROWTH, GROWTH + 3, GROWTH + 6]]])
     hessian = -np.array([[s[TT], s[TP], s[TD]], [s[TP], s[PP], s[PD]], [s[TD], s[PD], s[DD]]])
     np.testing.assert_allclose(value, [s[0], s[SPREAD]], rtol=1e-9)
     if scatter == 0.0:
         np.testing.assert_allclose(gradient, derivative(told, middle), rtol=1e-4, atol=1e-4)
-    less, more = np.sum([higher(out[AT], sizes, k, *h, 0.0, g) for k in range(2)], axis=0)
+    less, more = np.sum([higher(work, k, *h, 0.0) for k in range(2)], axis=0)
     rounding = 1e-9 * (1.0 + np.abs(value))
     for sign in rng.choice([-1.0, -0.5, 0.0, 0.5, 1.0], (60, 3)):
         e = sign * h
@@ -246,7 +240,60 @@ def test_no_minimum_that_dense_starts_find_is_outside_the_cells(drift, scatter):
 def dense_minima(pair):
     """Where weighted least squares ends from all over both circles and several distances."""
     n = pair.z.size
-    L, y, out = np.empty((n, n)), np.empty((n, 6)), np.empty(FIELDS)
+    L, y, out = np.empty((n, n)), np.empty((n, 8)), np.empty(FIELDS)
     across = np.arange(-np.pi, np.pi, np.pi / 14.0)
     starts = [(t, p, part * pair.z[0]) for t in across for p in across for part in (0.8, 1.2)]
     return np.array([out.copy() for at in starts if descend(pair, *at, True, L, y, out)])
+
+
+def test_one_minimum_sees_every_other_one_along_a_line():
+    """Against the cost on a fine grid of distances, W held as it is at the center."""
+    rng = np.random.default_rng(4)
+    seen = {True: 0, False: 0}
+    for _ in range(400):
+        pair = drawn(rng, 9, 0.0, 0.0)
+        # Robots that pass each other: the line leads across the other one's track.
+        pair = pair._replace(z=np.hypot(*(0.3 * rng.standard_normal((2, 9)) + [[0.5], [0.0]])))
+        work, low, high = work_for(pair), 0.05, 2.0
+        theta, phi = rng.uniform(-np.pi, np.pi, 2)
+        d = rng.uniform(low, high)
+        weigh(pair, theta, phi, d, low, high, np.zeros(9), work.L, work.y, work.out)
+        far = np.linspace(low, high, 400)
+        cost = np.array([cost_of(pair, theta, phi, each) for each in far])
+        r, J = work.y[:, 0], work.y[:, 1]
+        promise = np.sum((r - np.outer(far - d, J)) ** 2, axis=1)
+        most = np.quantile(cost, 0.2)
+        single = one_minimum(pair, work, low, high, most)
+        if np.sum(cost < np.minimum(most, 0.5 * promise - 4.0)) > 8:
+            assert not single
+        elif np.all(cost > np.minimum(most, promise - 1.0)):
+            assert single
+        seen[single] += 1
+    assert min(seen.values()) > 20
+
+
+@pytest.mark.parametrize(
+    ("first", "sigma", "across"),
+    [(0.2, 0.05, 0.3), (0.5, 0.1, 0.5), (0.2, 0.1, 0.4), (1, 0.05, 0.7)],
+)
+def test_two_solutions_in_one_direction_are_told_apart(first, sigma, across):
+    """A robot that drives across the line of sight: the other may be before it or behind."""
+    ys = np.linspace(-0.5, 0.5, 8)
+    a = np.vstack([[0.0, 0.0], np.stack([np.full(8, 2.0), ys], axis=1)])
+    none = np.zeros((9, 2, 2))
+    z = np.append(2.0, np.hypot(across, ys))
+    variance = np.append(first**2, np.full(8, sigma**2))
+    pair = Pair(z, variance, a, np.zeros((9, 2)), *[np.zeros((9, 9, 2, 2))] * 2, *[none] * 3)
+    found = solve_pair(pair, turns=False)
+    assert not found.unique
+    np.testing.assert_allclose(found.probability[:2], 0.5, atol=0.02)
+    np.testing.assert_allclose(np.sort(found.mean[:2, 0]), [2 - across, 2 + across], atol=0.03)
+
+
+def test_the_determinant_of_a_factor_neither_overflows_nor_vanishes():
+    rng = np.random.default_rng(5)
+    for scale in (1e-12, 1.0, 1e12):
+        root = rng.standard_normal((40, 40))
+        W = scale * (root @ root.T + np.eye(40))
+        L = W.copy()
+        assert factor(L, 40) == pytest.approx(np.linalg.slogdet(W)[1], rel=1e-12)
