@@ -43,6 +43,8 @@ class Hypotheses:
     """One solution, as sure as CERTAIN and sharp enough to linearize a filter at."""
     complete: bool = True
     """The search was not cut off: nothing is missing."""
+    left_out: int = 0
+    """Ranges (or blocks of them) that fit to nothing and were not used."""
 
 
 def gather(

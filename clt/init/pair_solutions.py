@@ -2,9 +2,9 @@
 
 Cells of directions theta, turns phi and distances d are halved again and again. One is dropped only
 when `pair_bound` shows that no pose within it costs as little as the best known one and a margin;
-one is done when the cost hardly changes across it. No start has to be guessed and, up to rounding,
-every minimum within the margin is in a cell that is left. These are the posterior, cell by cell; a
-cell tells its distances as one Gaussian, so two minima at distances close together may become one.
+one is done when the cost hardly changes across it, and its distances are those of one minimum
+(`pair_promises`). No start has to be guessed and, up to rounding, every minimum within the margin
+is in a cell that is left. These are the posterior, cell by cell.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from clt.init.pair_likelihood import (
     weigh,
 )
 from clt.init.pair_promises import KEPT, one_minimum
-from clt.streams import Floats
+from clt.streams import Floats, Indices
 
 COARSE = 16
 """Cells of the circle to begin with, for each angle; the best cost is first looked for in half as
@@ -66,7 +66,11 @@ DISTANT, DONE = 2, 3
 def fewer(pair: Pair) -> Pair:
     """At most FEW ranges of a pair, the first among them, evenly spread."""
     n = pair.z.size
-    rows = np.unique(np.linspace(0, n - 1, min(n, FEW)).round().astype(np.int64))
+    return chosen(pair, np.unique(np.linspace(0, n - 1, min(n, FEW)).round().astype(np.int64)))
+
+
+def chosen(pair: Pair, rows: Indices) -> Pair:
+    """Some ranges of a pair, in their order."""
     z, variance, a, b, _, _, S_a, S_b, S_ab = (np.ascontiguousarray(part[rows]) for part in pair)
     P_a, P_b = (np.ascontiguousarray(P[np.ix_(rows, rows)]) for P in (pair.P_a, pair.P_b))
     return Pair(z, variance, a, b, P_a, P_b, S_a, S_b, S_ab)
@@ -81,20 +85,9 @@ def explore(pair: Pair, few: Pair, turns: bool) -> tuple[Floats, float, bool]:
     `few` is the pair with some of its ranges only. Without `turns` phi stays 0: robot j is static
     and has no heading that could be told.
     """
-    work, work_few, none = work_for(pair), work_for(few), np.zeros(pair.z.size)
-    L, y, out = work.L, work.y, work.out
-    best, faked = np.inf, 0.0
-    coarse = circle(COARSE // 2, turns, pair.z[0], 0.0, np.inf)
-    cost = np.empty(len(coarse))
-    for row in range(len(coarse)):
-        theta, phi = coarse[row, 0], coarse[row, 1]
-        weigh(few, theta, phi, pair.z[0], 0.0, np.inf, none, L, y, out)
-        cost[row] = out[COST]
-    for row in np.argsort(cost)[:TRIALS]:
-        descend(pair, coarse[row, 0], coarse[row, 1], pair.z[0], turns, L, y, out)
-        weigh(pair, out[THETA], out[PHI], out[AT], 0.0, np.inf, none, L, y, out)
-        if attained(out) < best:
-            best, faked = attained(out), fakeable(pair, L, y)
+    work, work_few = work_for(pair), work_for(few)
+    best = best_found(pair, few, turns, work)
+    faked = fakeable(pair, work.L, work.y)
     most = best + MARGIN + faked
     near, far = nearest_farthest(pair, work.sizes, most)
     cells = circle(COARSE, turns, min(max(pair.z[0], near), far), near, far)
@@ -104,6 +97,24 @@ def explore(pair: Pair, few: Pair, turns: bool) -> tuple[Floats, float, bool]:
             cells[kept], kept = cells[row], kept + 1
     found, complete = halve(pair, work, cells[:kept], most)
     return found, faked, complete
+
+
+@kernel
+def best_found(pair: Pair, few: Pair, turns: bool, work: Work) -> float:
+    """The least cost that least squares lead to from all around; its `weigh` is left in `work`."""
+    L, y, out, none = work.L, work.y, work.out, np.zeros(pair.z.size)
+    best, at = np.inf, np.zeros(3)
+    coarse = circle(COARSE // 2, turns, pair.z[0], 0.0, np.inf)
+    cost = np.empty(len(coarse))
+    for row in range(len(coarse)):
+        weigh(few, coarse[row, 0], coarse[row, 1], pair.z[0], 0.0, np.inf, none, L, y, out)
+        cost[row] = out[COST]
+    for row in np.argsort(cost)[:TRIALS]:
+        descend(pair, coarse[row, 0], coarse[row, 1], pair.z[0], turns, L, y, out)
+        if attained(out) < best:
+            best, at[0], at[1], at[2] = attained(out), out[THETA], out[PHI], out[AT]
+    weigh(pair, at[0], at[1], at[2], 0.0, np.inf, none, L, y, out)
+    return best
 
 
 @kernel

@@ -26,6 +26,7 @@ UNKNOWN = 0.8
 WORTH_TELLING = 1e-3
 """Probability from which an alternative is listed."""
 CUT_OFF = "the search for the relative pose of {} was cut off: there may be others; " + DRIVE
+LEFT_OUT = "{}: {} of the ranges (or averages of them) fit to no pose and were left out"
 OVERLAP = 9.0
 """Squared distance, in units of their summed variance, of solutions that are one."""
 
@@ -98,7 +99,13 @@ def _within(
         Hypothesis(float(p), dict(zip(names, _poses(joint), strict=True)))
         for p, joint in zip(probability, joints, strict=True)
     )
-    return Initialization(span[0], False, robots, frame=f"{ego}/base_link", hypotheses=hypotheses)
+    notes = tuple(
+        LEFT_OUT.format("-".join(pair), found.left_out)
+        for pair, found in edges.items()
+        if found.left_out > 0
+    )
+    frame = f"{ego}/base_link"
+    return Initialization(span[0], False, robots, notes, frame=frame, hypotheses=hypotheses)
 
 
 def _poses(joint: Joint) -> list[InitialPose]:

@@ -6,6 +6,8 @@ poses that explain them, with probabilities: two straight tracks leave four, few
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from clt.filters.inputs import (
@@ -16,6 +18,7 @@ from clt.filters.inputs import (
 from clt.filters.settings import FilterSettings
 from clt.init.pair_hypotheses import Hypotheses, gather
 from clt.init.pair_likelihood import Pair
+from clt.init.pair_outliers import fits, without_wild
 from clt.init.pair_solutions import explore, fewer
 from clt.init.pair_tracks import Track, dead_reckon
 from clt.init.pairs import range_sigma
@@ -23,21 +26,22 @@ from clt.streams import Floats, Indices, Recording, Stamps
 
 MOST_RANGES = 40
 """More than these are averaged in as many blocks."""
-MISFIT = 3.0
-"""Standard deviations by which residuals may exceed their noise before that is believed larger."""
 
 
 def solve_pair(pair: Pair, turns: bool = True) -> Hypotheses:
     """All relative poses that a pair's ranges leave possible.
 
     Without `turns` robot j is static: its heading means nothing and stays 0. Where even the best
-    pose leaves residuals beyond their noise, the noise is believed that much larger.
+    pose leaves residuals beyond their noise, a few ranges without which the rest fits are left out;
+    where that does not help, the noise is believed that much larger.
     """
     solutions = _solve(pair, turns)
-    free = pair.z.size - (3 if turns else 2)
-    if free > 0 and solutions.cost > free + MISFIT * np.sqrt(2.0 * free):
-        return _solve(widened(pair, solutions.cost / free), turns)
-    return solutions
+    if fits(solutions.cost, pair.z.size, turns):
+        return solutions
+    rest = without_wild(pair, turns)
+    if rest is not None:
+        return replace(_solve(rest, turns), left_out=pair.z.size - rest.z.size)
+    return _solve(widened(pair, solutions.cost / (pair.z.size - (3 if turns else 2))), turns)
 
 
 def _solve(pair: Pair, turns: bool) -> Hypotheses:

@@ -152,3 +152,27 @@ def test_a_search_that_is_cut_off_calls_nothing_unique():
     pair = measured(a, a, np.zeros(3), 0.01, 0.0, rng)
     found = solve_pair(pair)
     assert found.complete or not found.unique
+
+
+def test_a_wild_range_is_left_out_and_the_rest_tells_the_pose():
+    rng = np.random.default_rng(8)
+    for _ in range(5):
+        pose = np.array([*rng.uniform(-3.0, 3.0, 2), rng.uniform(-np.pi, np.pi)])
+        a, b = (track(rng.normal(0.0, 0.5, 19), rng) for _ in "ab")
+        pair = measured(a, b, pose, 0.05, 0.0, rng)
+        wild = rng.choice(20, 2, replace=False)
+        pair.z[wild] += rng.uniform(2.0, 5.0, 2)
+        found = solve_pair(pair)
+        (e,) = error(found.mean[0], pose)
+        assert np.hypot(e[0], e[1]) < 0.5
+        assert found.left_out == 2
+
+
+def test_ranges_that_all_fit_badly_are_not_left_out():
+    rng = np.random.default_rng(9)
+    pose = np.array([2.0, 1.0, 0.5])
+    a, b = (track(rng.normal(0.0, 0.5, 19), rng) for _ in "ab")
+    pair = measured(a, b, pose, 0.5, 0.0, rng)
+    found = solve_pair(pair._replace(variance=np.full(20, 0.05**2)))
+    assert found.left_out == 0
+    assert not found.unique
