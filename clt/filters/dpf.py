@@ -20,8 +20,10 @@ from clt.filters.dpf_team import (
     Member,
     Team,
     assemble,
+    count_apart,
     exchange_odometry,
     hearing,
+    out_of_reach,
     reunite,
     separate,
 )
@@ -31,6 +33,9 @@ from clt.filters.problem import Problem
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Solution
 from clt.streams import Floats, Indices
+
+FEWEST = 20
+"""Shared particles at least."""
 
 
 def solve_dpf(problem: Problem, settings: FilterSettings) -> Solution:
@@ -56,7 +61,7 @@ def solve_dpf(problem: Problem, settings: FilterSettings) -> Solution:
     return Solution(
         trace.mean, trace.covariance, trace.residual, trace.variance, trace.verdict,
         np.zeros(len(problem.robots), np.int64), team.members[0].belief, trace.share,
-        traffic=traffic(team.net, problem.drivers),
+        traffic=traffic(team.net, problem.drivers), apart=out_of_reach(team),
     )  # fmt: skip
 
 
@@ -66,6 +71,11 @@ def check(problem: Problem, settings: FilterSettings) -> None:
         raise UsageError("--filter dpf estimates relative poses: use --frame ego:NAME")
     if problem.prior is None:
         raise UsageError("--filter dpf has delays of its own (dpf.delay): leave out --as-received")
+    if settings.dpf.likelihood == "shared" and settings.dpf.particles < FEWEST:
+        raise UsageError(
+            f"dpf.particles={settings.dpf.particles}: so few cannot tell how sure they are; "
+            f"{FEWEST} at least"
+        )
     if settings.dpf.likelihood == "shared" and problem.space.calibration >= 0:
         raise UsageError(
             "points cannot keep what never changes apart: noise.scale and noise.bias need "
@@ -106,6 +116,7 @@ def meet(team: Team, k: int, since: int, now: int, *, keep: bool) -> Member | No
     up, members = hearing(team), team.members
     parts = groups(up, team.there[k])
     reunite(team, parts, up)
+    count_apart(team, parts, k, since, now)
     for member in members:
         member.advance(now)
     messages = [message(team, r, k, now) for r in range(len(members))]
@@ -141,12 +152,19 @@ def message(team: Team, r: int, k: int, now: int) -> Floats:
 
 
 def resample(team: Team, group: Indices, up: Bools) -> None:
-    """All of a group take the copies of the shared particles that its first robot draws."""
-    first = team.members[group[0]]
-    source = copies(first, float(team.draw.random())) if isinstance(first, Points) else None
-    if source is not None:
-        for r in group:
+    """All of a group take the copies of the shared particles that its first robot draws.
+
+    Where nobody says anything (no iterations) every robot draws its own.
+    """
+    alone = team.settings.dpf.iterations == 0
+    for leader in group if alone else group[:1]:
+        first = team.members[leader]
+        source = copies(first, float(team.draw.random())) if isinstance(first, Points) else None
+        if source is None:
+            continue
+        for r in (leader,) if alone else group:
             member = team.members[r]
             if isinstance(member, Points):
                 member.take(source)
-        team.net.flood(int(group[0]), up, group, INDEX_BYTES * source.size)
+        if not alone:
+            team.net.flood(int(leader), up, group, INDEX_BYTES * source.size)

@@ -71,7 +71,8 @@ def rounds_of(problem: Problem, interval: float) -> Rounds:
 def unheard(problem: Problem, drivers: Indices, since: int, until: int) -> Problem:
     """The problem as known to a robot that did not hear some drivers from one time (ns) to another.
 
-    Their last twist is held, with an error as large as their twist varies at all (`inputs`).
+    Their last twist is held, with an error as large as their twist changes in the long run
+    (`inputs.change`).
     """
     segments = problem.segments
     v, omega, interval = segments.v.copy(), segments.omega.copy(), segments.interval.copy()
@@ -84,7 +85,7 @@ def unheard(problem: Problem, drivers: Indices, since: int, until: int) -> Probl
         interval[own] = GAP_CORRELATION
         for twist_, variance in ((v, var_v), (omega, var_omega)):
             if own.start < own.stop:
-                variance[own] += np.var(twist_[first:last])
+                variance[own] += 2.0 * np.var(twist_[first:last])
                 twist_[own] = twist_[low - 1]
     known = segments._replace(v=v, omega=omega, interval=interval, var_v=var_v, var_omega=var_omega)
     return replace(problem, segments=known)

@@ -45,6 +45,8 @@ class Team:
     """Who is heard in each round, (K, M)."""
     links: Bools
     """Who may hear whom, (M, M)."""
+    apart: Indices
+    """How long each that was there could not reach the ego so far, ns, (M,)."""
     net: Network
     draw: np.random.Generator
     trace: Trace
@@ -65,6 +67,7 @@ def assemble(problem: Problem, settings: FilterSettings) -> Team:
         np.zeros(M, np.int64),
         present(problem, rounds),
         links(own.graph, problem.drivers),
+        np.zeros(M, np.int64),
         network(M, own.loss, own.seed),
         np.random.default_rng([own.seed, 2]),
         make_trace(problem.outputs, problem.ranges),
@@ -141,3 +144,20 @@ def exchange_odometry(team: Team, group: Indices, since: int, now: int, up: Bool
         low, high = np.searchsorted(end, [since, now], side="right")
         if high > low:
             team.net.flood(int(r), up, group, SAMPLE_BYTES, int(high - low))
+
+
+def count_apart(team: Team, parts: Sequence[Indices], k: int, since: int, now: int) -> None:
+    """Add round k to the time (ns) that robots could not reach the ego, if they were there."""
+    with_ego = next((group for group in parts if 0 in group), np.zeros(1, np.int64))
+    out = team.there[k].copy()
+    out[with_ego] = False
+    team.apart[out] += now - since
+
+
+def out_of_reach(team: Team) -> dict[str, float]:
+    """Seconds that robots could not reach the ego, of those who could not for long."""
+    return {
+        name: 1e-9 * float(apart)
+        for name, apart in zip(team.problem.drivers, team.apart, strict=True)
+        if apart > SILENCE
+    }

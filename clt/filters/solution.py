@@ -38,6 +38,8 @@ class Solution:
     """What the filter keeps beside its belief, to go on from here as if it had never stopped."""
     traffic: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     """Messages and bytes that each robot sent and heard; none of a centralized filter."""
+    apart: Mapping[str, float] = field(default_factory=dict)
+    """Seconds that robots of a distributed filter could not reach the ego, if that was long."""
 
 
 Filter = Callable[[Problem, FilterSettings], Solution]

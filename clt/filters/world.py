@@ -182,6 +182,16 @@ def talk(solution: Solution) -> tuple[str, ...]:
     )
 
 
+def cut_off(problem: Problem, solution: Solution) -> tuple[str, ...]:
+    """One line for each robot that a distributed filter's ego knew too little of."""
+    whole = (problem.end - problem.start) * 1e-9
+    return tuple(
+        f"{name} was out of reach of {problem.drivers[0]} for {seconds:.1f} of {whole:.1f} s: "
+        "its odometry was not known meanwhile; raise dpf.reach or add links to dpf.graph"
+        for name, seconds in solution.apart.items()
+    )
+
+
 def localize(
     recording: Recording,
     start: Start,
@@ -212,7 +222,12 @@ def posterior_of(
             *talk(solution),
         ),
         (*problem.notes, *dropped(solution)),
-        (*problem.left_out, *found_again(problem, solution), *ambiguous(problem, solution)),
+        (
+            *problem.left_out,
+            *found_again(problem, solution),
+            *cut_off(problem, solution),
+            *ambiguous(problem, solution),
+        ),
         lost_robots(problem, solution),
         solution.traffic,
     )

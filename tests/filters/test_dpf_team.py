@@ -12,7 +12,7 @@ from clt.filters.dpf import solve_dpf
 from clt.filters.dpf_rounds import unheard
 from clt.filters.settings import FilterSettings, Noise
 from clt.filters.space import View
-from clt.filters.world import Estimator, localize
+from clt.filters.world import Estimator, cut_off, localize
 from clt.init.truth import from_truth
 from tests.filters.dpf_runs import (
     SECOND,
@@ -94,12 +94,48 @@ def test_robots_out_of_reach_are_not_heard(likelihood):
     alone = solve_dpf(problem, settings(iterations=0, **run))
     assert all(own["bytes_sent"] == 0 for own in far.traffic.values())
     late = problem.outputs.stamp > 5 * SECOND
+    assert far.apart.keys() == {"R2", "R3"}
+    assert far.apart["R3"] == pytest.approx(10.0, abs=0.5)
+    assert alone.apart == {}
     sigma = [np.sqrt(run.covariance[late, 2, 2].mean()) for run in (far, alone)]
     assert sigma[0] > 1.3 * sigma[1]
     e = errors(team(seconds=10.0), problem, far.mean)[late]
     assert np.sqrt(np.mean(e**2)) < 3.0 * np.sqrt(
         np.trace(far.covariance[late][:, :2, :2], axis1=1, axis2=2).mean()
     )
+
+
+def test_without_consensus_every_robot_draws_its_own_particles():
+    """Nobody is told which to copy, and nothing is sent but odometry."""
+    problem = problem_of(team(seconds=6.0))
+    told = solve_dpf(problem, settings(likelihood="shared", iterations=0, particles=500))
+    once = solve_dpf(problem, settings(likelihood="shared", iterations=1, particles=500))
+    silent, talking = (run.traffic["R1"]["bytes_sent"] for run in (told, once))
+    samples = 40 * run_samples(problem)
+    assert silent == samples < talking
+    assert np.isfinite(told.mean).all()
+
+
+def run_samples(problem):
+    """Odometry samples of the ego within a run."""
+    segments = problem.segments
+    end = segments.end[segments.first[0] : segments.first[1]]
+    return int(np.sum((end > problem.start) & (end <= problem.end)))
+
+
+def test_a_robot_out_of_reach_is_warned_of():
+    recording = team(seconds=8.0)
+    problem = problem_of(recording)
+    told = solve_dpf(problem, settings(reach=0.001))
+    lines = cut_off(problem, told)
+    assert len(lines) == 2
+    assert lines[0].startswith("R2 was out of reach of R1 for ")
+
+
+def test_too_few_shared_particles_are_refused():
+    problem = problem_of(team(seconds=2.0))
+    with pytest.raises(UsageError, match="20 at least"):
+        solve_dpf(problem, settings(likelihood="shared", particles=3))
 
 
 def test_what_is_not_heard_is_held():
