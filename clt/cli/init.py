@@ -84,6 +84,8 @@ def init(
     standing = len(team.moving) == 0 and len(team.static) > 0
     require_data(recording, str(log), standing=standing)
     used, found = find(recording, method, settings, console)
+    if used == "motion" and len(recording.team.static) < 2:
+        console.say("relative poses need no static robots: clt init --method pairwise")
     if output is not None:
         with inputs.output(output, force) as file:
             file.write(poses_toml(used, found).encode())

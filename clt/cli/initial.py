@@ -48,6 +48,8 @@ def find(
         with announced(console):
             found = from_pairwise(recording, settings, ego)
         console.say(f"initial poses: from ranges between pairs, in the frame {found.frame}")
+        for note in found.notes:
+            console.warn(note)
         missing(found, console)
         return method, found
     if recorded is not None:

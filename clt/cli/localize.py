@@ -150,6 +150,8 @@ def estimator_of(filter_: str | None, frame: str, engine: str) -> Estimator:
     chosen = filter_ or ("eskf" if view.kind == "world" else "mixture")
     choose("--filter", chosen, tuple(FILTERS))
     choose("--engine", engine, ENGINES)
+    if chosen == "dpf" and view.kind == "world":
+        raise UsageError("--filter dpf estimates relative poses: use --frame ego:NAME")
     if engine == "filterpy" and chosen not in FILTERPY:
         raise UsageError(f"--engine filterpy has no {chosen}; it has {', '.join(FILTERPY)}")
     return Estimator(chosen, view, engine)
