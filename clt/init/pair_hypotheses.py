@@ -14,11 +14,13 @@ import numpy as np
 from clt.init.pair_evidence import worth
 from clt.init.pair_likelihood import COST, LOG_DET, Pair
 from clt.init.pair_modes import REST, settle, spread_seeds
-from clt.init.pair_posterior import covariances, divided, log_masses, poses
+from clt.init.pair_posterior import covariances, divided, log_masses, poses, relinearize
 from clt.streams import Floats, Indices
 
 NOTHING = 1e-7
 """Share of the posterior that does not count at all."""
+HEAVY = 1e-3
+"""Share of a part of a cell from which it is worth a look of its own."""
 CERTAIN = 0.99
 """Probability from which a solution is called unique."""
 SHARP = (0.3, 0.1)
@@ -52,9 +54,8 @@ def gather(
 ) -> Hypotheses:
     """Hypotheses from the cells (m, CELL) of a search, which odometry noise may fake to `faked`."""
     cells = divided(cells, turns)
-    log_mass = log_masses(cells)
-    mass = np.exp(log_mass - log_mass.max())
-    mass /= mass.sum()
+    relinearize(pair, cells, np.flatnonzero(masses(cells) > HEAVY))
+    mass = masses(cells)
     flat = level(cells, mass, faked)
     some = flat > NOTHING
     cells, mass, flat = cells[some], mass[some] / mass[some].sum(), flat[some] / flat[some].sum()
@@ -73,6 +74,13 @@ def gather(
     unique = bool(complete and probability[0] >= CERTAIN and sharp(covariance[0], turns))
     cost = float(seeds[:, COST].min())
     return Hypotheses(centers, covariance, probability, support, cost, unique, complete)
+
+
+def masses(cells: Floats) -> Floats:
+    """The posterior in every cell (m,)."""
+    log_mass = log_masses(cells)
+    mass = np.exp(log_mass - log_mass.max())
+    return np.asarray(mass / mass.sum())
 
 
 def sharp(covariance: Floats, turns: bool) -> bool:

@@ -11,7 +11,9 @@ from clt.init.pair_solutions import best_found, chosen, fewer
 MISFIT = 3.0
 """Standard deviations by which residuals may exceed their noise before that is not believed."""
 WILD = 5
-"""One range in as many may be wild."""
+"""One range in as many may be wild ..."""
+OFF = 6.0
+"""... and is off by at least so many standard deviations: noise that is merely larger is not."""
 
 
 def fits(cost: float, n: int, turns: bool) -> bool:
@@ -20,17 +22,18 @@ def fits(cost: float, n: int, turns: bool) -> bool:
     return free <= 0 or cost <= free + MISFIT * np.sqrt(2.0 * free)
 
 
-def without_wild(pair: Pair, turns: bool) -> Pair | None:
-    """A pair without the ranges that keep all others from being explained.
+def without_wild(pair: Pair, turns: bool, cost: float) -> Pair | None:
+    """A pair, which costs so much, without the ranges that keep all others from being explained.
 
     One after the other, that without which the rest fits best. None where one in WILD is not
-    enough, or too few are left to tell.
+    enough, where they are not OFF, or too few are left to tell.
     """
     n = pair.z.size
-    for _ in range(n // WILD):
+    for out in range(1, n // WILD + 1):
         left = [chosen(pair, np.delete(np.arange(pair.z.size), k)) for k in range(pair.z.size)]
-        cost = [best_found(rest, fewer(rest), turns, work_for(rest)) for rest in left]
-        pair = left[int(np.argmin(cost))]
-        if fits(min(cost), pair.z.size, turns):
-            return pair if pair.z.size > (4 if turns else 3) else None
+        costs = [best_found(rest, fewer(rest), turns, work_for(rest)) for rest in left]
+        pair = left[int(np.argmin(costs))]
+        if fits(min(costs), pair.z.size, turns):
+            told = pair.z.size > (4 if turns else 3) and cost - min(costs) >= OFF * OFF * out
+            return pair if told else None
     return None

@@ -15,16 +15,19 @@ from clt.init.pair_likelihood import (
     D_PHI,
     D_THETA,
     DISTANCE,
+    FIELDS,
     G_PHI,
     G_THETA,
     H_PP,
     H_TP,
     H_TT,
     LOG_DET,
+    NEAREST,
     PHI,
     THETA,
     VAR_D,
     Pair,
+    weigh,
 )
 from clt.init.pair_solutions import FAR, NEAR, WIDTH_P, WIDTH_T
 from clt.streams import Floats, Indices
@@ -56,6 +59,18 @@ def divided(cells: Floats, turns: bool) -> Floats:
         part[BEYOND] += part[D_THETA] * t + part[D_PHI] * p
         part[DISTANCE] = min(max(part[AT] + part[BEYOND], part[NEAR]), part[FAR])
     return parts
+
+
+@kernel
+def relinearize(pair: Pair, parts: Floats, heavy: Indices) -> None:
+    """Linearize some parts of cells anew at their own centers, in place."""
+    n = pair.z.size
+    L, y, out, none = np.empty((n, n)), np.empty((n, 8)), np.empty(FIELDS), np.zeros(n)
+    for row in heavy:
+        part = parts[row]
+        d = max(part[DISTANCE], NEAREST)
+        weigh(pair, part[THETA], part[PHI], d, part[NEAR], part[FAR], none, L, y, out)
+        part[:FIELDS] = out
 
 
 @kernel

@@ -46,7 +46,7 @@ FEW = 7
 MARGIN = 14.0
 """A pose that costs this much more than the best is impossible (chi-square, 3 dof: 4e-4), as far
 as the tracks are exact; see `fakeable`."""
-FINE, DEAR_FINE = 2.8, 5.0
+FINE, DEAR_FINE = 2.2, 4.4
 """A cell is done when the square root of the cost changes across half of it by less; the latter
 where that is RARE or less below what is impossible."""
 RARE = 9.0

@@ -38,7 +38,7 @@ def solve_pair(pair: Pair, turns: bool = True) -> Hypotheses:
     solutions = _solve(pair, turns)
     if fits(solutions.cost, pair.z.size, turns):
         return solutions
-    rest = without_wild(pair, turns)
+    rest = without_wild(pair, turns, solutions.cost)
     if rest is not None:
         return replace(_solve(rest, turns), left_out=pair.z.size - rest.z.size)
     return _solve(widened(pair, solutions.cost / (pair.z.size - (3 if turns else 2))), turns)

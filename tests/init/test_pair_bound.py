@@ -30,6 +30,7 @@ from clt.init.pair_likelihood import AT, COST, FIELDS, PHI, THETA, Pair, descend
 from clt.init.pair_promises import one_minimum
 from clt.init.pair_solutions import FAR, MARGIN, NEAR, WIDTH_P, WIDTH_T, explore, fewer
 from clt.init.pairwise import solve_pair
+from tests.init.pair_costs import cost_of, residuals_and_covariance
 
 
 def drawn(rng, n, drift, scatter):
@@ -61,32 +62,6 @@ def drawn(rng, n, drift, scatter):
         np.ascontiguousarray(S[:, 2:, 2:]),
         np.ascontiguousarray(S[:, :2, 2:]),
     )
-
-
-def cost_of(pair, theta, phi, d):
-    """r^T W^-1 r by numpy alone."""
-    r, W = residuals_and_covariance(pair, theta, phi, d)
-    return float(r @ np.linalg.solve(W, r))
-
-
-def residuals_and_covariance(pair, theta, phi, d):
-    """r and W by numpy alone."""
-    R = rotation(phi)
-    q = d * np.array([np.cos(theta), np.sin(theta)])
-    w = q + (pair.b - pair.b[0]) @ R.T - (pair.a - pair.a[0])
-    apart = np.linalg.norm(w, axis=1)
-    u = w / apart[:, None]
-    n = np.stack([-u[:, 1], u[:, 0]], axis=1)
-    m, v = n @ R, u @ R
-    across = (
-        np.einsum("ki,kij,kj->k", n, pair.S_a, n)
-        + np.einsum("ki,kij,kj->k", m, pair.S_b, m)
-        - 2.0 * np.einsum("ki,kij,kj->k", n, pair.S_ab, m)
-    )
-    expected = np.sqrt(apart**2 + across)
-    W = np.einsum("ki,klij,lj->kl", u, pair.P_a, u) + np.einsum("ki,klij,lj->kl", v, pair.P_b, v)
-    W += np.diag(pair.variance + 0.5 * (across / expected) ** 2)
-    return pair.z - expected, W
 
 
 def center(pair, theta, phi, d, low, high, h_t, h_p):
