@@ -37,6 +37,10 @@ class Joint:
     """(n, 3), m and rad."""
     covariance: Floats
     """(3n, 3n)."""
+    mismatch: float = 0.0
+    """Squared disagreement of the pairs along cycles, in units of its variance ..."""
+    checks: int = 0
+    """... and of how many numbers."""
 
 
 def combine(ego: str, edges: Edges, static: frozenset[str]) -> tuple[tuple[str, ...], list[Joint]]:
@@ -127,7 +131,8 @@ def appended(joint: Joint, i: int, h: Joint) -> Joint:
         ]
     )
     weight, support = joint.log_weight + h.log_weight, joint.log_support + h.log_support
-    return Joint(weight, support, np.vstack([joint.mean, pose]), covariance)
+    mean = np.vstack([joint.mean, pose])
+    return Joint(weight, support, mean, covariance, joint.mismatch, joint.checks)
 
 
 def compared(joint: Joint, i: int, j: int, h: Joint, turns: bool) -> Joint:
@@ -153,6 +158,7 @@ def compared(joint: Joint, i: int, j: int, h: Joint, turns: bool) -> Joint:
     mean[:, 2] = wrap(mean[:, 2])
     keep = np.eye(joint.mean.size) - K @ H
     covariance = keep @ joint.covariance @ keep.T + K @ h.covariance[:size, :size] @ K.T
-    surprise = float(r @ np.linalg.solve(S, r) + np.linalg.slogdet(2.0 * np.pi * S)[1])
+    squared = float(r @ np.linalg.solve(S, r))
+    surprise = squared + float(np.linalg.slogdet(2.0 * np.pi * S)[1])
     weight = joint.log_weight + h.log_weight - 0.5 * surprise
-    return Joint(weight, weight, mean, covariance)
+    return Joint(weight, weight, mean, covariance, joint.mismatch + squared, joint.checks + size)

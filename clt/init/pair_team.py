@@ -27,6 +27,9 @@ WORTH_TELLING = 1e-3
 """Probability from which an alternative is listed."""
 CUT_OFF = "the search for the relative pose of {} was cut off: there may be others; " + DRIVE
 LEFT_OUT = "{}: {} of the ranges (or averages of them) fit to no pose and were left out"
+CONTRADICT = "the pairs of the team contradict each other; " + DRIVE
+MISFIT = 3.0
+"""Standard deviations by which pairs may disagree along cycles beyond what they claim."""
 OVERLAP = 9.0
 """Squared distance, in units of their summed variance, of solutions that are one."""
 
@@ -135,6 +138,8 @@ def told(joints: list[Joint], k: int, turns: bool) -> RobotStatus:
         if g != mine and share[g] >= WORTH_TELLING
     )
     top = share[mine]
+    if contradicts(joints[first]):
+        return RobotStatus("ambiguous", best, top, CONTRADICT, rest)
     if top >= CERTAIN and sharp(best.covariance, turns):
         return RobotStatus("ok", best, top, alternatives=rest)
     if len(rest) == 0:
@@ -146,6 +151,11 @@ def told(joints: list[Joint], k: int, turns: bool) -> RobotStatus:
     if len(rest) >= MANY or hopeless(best.covariance):
         return RobotStatus("unobservable", best, top, f"{why}: not observable yet; {DRIVE}", rest)
     return RobotStatus("ambiguous", best, top, f"{why}; {DRIVE}", rest)
+
+
+def contradicts(joint: Joint) -> bool:
+    """The pairs that closed cycles disagree by more than their covariances allow."""
+    return joint.mismatch > joint.checks + MISFIT * float(np.sqrt(2.0 * joint.checks))
 
 
 def shares(log_weight: list[float]) -> Floats:

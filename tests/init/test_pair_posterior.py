@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from clt.geometry import rotation, wrap
-from clt.init.pair_hypotheses import HEAVY, masses
+from clt.init.pair_graph import combine
+from clt.init.pair_hypotheses import HEAVY, Hypotheses, masses
 from clt.init.pair_posterior import covariances, divided, poses, relinearize
 from clt.init.pair_solutions import explore, fewer
+from clt.init.pair_team import told
 from tests.init.pair_costs import curvy, residuals_and_covariance
 
 
@@ -54,3 +56,25 @@ def test_cells_hold_the_posterior(sigma, drift):
         expected, deviation = sampled(pair, pose, mean, covariance, rng)
         assert np.all(np.abs(mean - expected) < 0.2 * deviation)
         np.testing.assert_allclose(np.sqrt(np.diag(covariance)), deviation, rtol=0.25)
+
+
+def test_pairs_that_contradict_each_other_are_never_ok():
+    """Three pairs, each certain of a pose that the other two exclude."""
+
+    def certain(x, y, heading):
+        covariance = np.diag([0.01, 0.01, 0.01]) ** 2
+        one = np.ones(1)
+        return Hypotheses(np.array([[x, y, heading]]), covariance[None], one, one, 0.0, True)
+
+    edges = {
+        ("A", "B"): certain(2, 0, 0),
+        ("A", "C"): certain(0, 2, 0),
+        ("B", "C"): certain(-2, 2, 0),
+    }
+    _, joints = combine("A", edges, frozenset())
+    assert told(joints, 1, turns=True).status == "ok"
+    edges["B", "C"] = certain(-2, 2.5, 0)
+    _, joints = combine("A", edges, frozenset())
+    found = told(joints, 1, turns=True)
+    assert found.status == "ambiguous"
+    assert "contradict" in found.why
