@@ -124,9 +124,12 @@ def meet(team: Team, k: int, since: int, now: int, *, keep: bool) -> Member | No
     for group in parts:
         exchange_odometry(team, group, since, now, up)
         values = np.array([messages[r] for r in group])
-        values = team.net.average(values, up, group, team.settings.dpf.iterations)
+        iterations = team.settings.dpf.iterations
+        values = team.net.average(values, up, group, iterations)
+        # What nobody else has heard counts once.
+        heard = group.size if iterations > 0 else 1
         for r, value in zip(group, values, strict=True):
-            members[r].fuse(value, group.size, now)
+            members[r].fuse(value, heard, now)
         resample(team, group, up)
     team.paths[:] = [member.path() for member in members]
     ends = team.rounds.end

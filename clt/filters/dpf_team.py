@@ -147,15 +147,16 @@ def exchange_odometry(team: Team, group: Indices, since: int, now: int, up: Bool
 
 
 def count_apart(team: Team, parts: Sequence[Indices], k: int, since: int, now: int) -> None:
-    """Add round k to the time (ns) that robots could not reach the ego, if they were there."""
-    with_ego = next((group for group in parts if 0 in group), np.zeros(1, np.int64))
-    out = team.there[k].copy()
-    out[with_ego] = False
-    team.apart[out] += now - since
+    """Add round k to the time (ns) that robots could not reach the ego, if both were there."""
+    for group in parts:
+        if 0 in group:
+            out = team.there[k].copy()
+            out[group] = False
+            team.apart[out] += now - since
 
 
 def out_of_reach(team: Team) -> dict[str, float]:
-    """Seconds that robots could not reach the ego, of those who could not for long."""
+    """Seconds in all that robots could not reach the ego, of those with more than SILENCE."""
     return {
         name: 1e-9 * float(apart)
         for name, apart in zip(team.problem.drivers, team.apart, strict=True)

@@ -9,7 +9,7 @@ from clt.init.pair_likelihood import Pair
 from clt.init.pair_solutions import best_found, chosen, fewer
 
 MISFIT = 3.0
-"""Standard deviations by which residuals may exceed their noise before that is not believed."""
+"""Standard deviations by which squared residuals may exceed their noise to be believed."""
 WILD = 5
 """One range in as many may be wild ..."""
 OFF = 6.0
@@ -17,9 +17,12 @@ OFF = 6.0
 
 
 def fits(cost: float, n: int, turns: bool) -> bool:
-    """Whether n squared residuals of a best pose (in units of their variance) may be noise."""
-    free = n - (3 if turns else 2)
-    return free <= 0 or cost <= free + MISFIT * np.sqrt(2.0 * free)
+    """Whether n squared residuals of a best pose (in units of their variance) may be noise.
+
+    Also as few as a pose can follow: those that contradict each other no pose explains.
+    """
+    left = n - (3 if turns else 2)
+    return cost <= (left + MISFIT * np.sqrt(2.0 * left) if left > 0 else MISFIT * MISFIT)
 
 
 def without_wild(pair: Pair, turns: bool, cost: float) -> Pair | None:

@@ -104,13 +104,14 @@ def best_found(pair: Pair, few: Pair, turns: bool, work: Work) -> float:
     """The least cost that least squares lead to from all around; its `weigh` is left in `work`."""
     L, y, out, none = work.L, work.y, work.out, np.zeros(pair.z.size)
     best, at = np.inf, np.zeros(3)
-    coarse = circle(COARSE // 2, turns, pair.z[0], 0.0, np.inf)
+    d = max(pair.z[0], NEAREST)
+    coarse = circle(COARSE // 2, turns, d, 0.0, np.inf)
     cost = np.empty(len(coarse))
     for row in range(len(coarse)):
-        weigh(few, coarse[row, 0], coarse[row, 1], pair.z[0], 0.0, np.inf, none, L, y, out)
+        weigh(few, coarse[row, 0], coarse[row, 1], d, 0.0, np.inf, none, L, y, out)
         cost[row] = out[COST]
     for row in np.argsort(cost)[:TRIALS]:
-        descend(pair, coarse[row, 0], coarse[row, 1], pair.z[0], turns, L, y, out)
+        descend(pair, coarse[row, 0], coarse[row, 1], d, turns, L, y, out)
         if attained(out) < best:
             best, at[0], at[1], at[2] = attained(out), out[THETA], out[PHI], out[AT]
     weigh(pair, at[0], at[1], at[2], 0.0, np.inf, none, L, y, out)

@@ -9,7 +9,7 @@ import numpy as np
 from clt.errors import CltError
 from clt.filters.settings import FilterSettings
 from clt.geometry import wrap
-from clt.init.pair_graph import Joint, combine
+from clt.init.pair_graph import Edges, Joint, combine
 from clt.init.pair_hypotheses import CERTAIN, sharp
 from clt.init.pairwise import cut_pair, solve_pair
 from clt.init.start import Hypothesis, InitialPose, odometry_begin
@@ -26,6 +26,7 @@ UNKNOWN = 0.8
 WORTH_TELLING = 1e-3
 """Probability from which an alternative is listed."""
 CUT_OFF = "the search for the relative pose of {} was cut off: there may be others; " + DRIVE
+CHOSEN = "of the ranges of {} some fit to no pose, and which of them is a guess; " + DRIVE
 LEFT_OUT = "{}: {} of the ranges (or averages of them) fit to no pose and were left out"
 CONTRADICT = "the pairs of the team contradict each other; " + DRIVE
 MISFIT = 3.0
@@ -81,7 +82,6 @@ def _within(
             f"no ranges between robots with odometry in the first {SPANS[-1]} s: nothing tells "
             "where they are; give poses in a TOML file (--init FILE)"
         )
-    cut_off = ["-".join(pair) for pair, found in edges.items() if not found.complete]
     names, joints = combine(ego, edges, static)
     probability = shares([joint.log_weight for joint in joints])
     robots = {}
@@ -90,10 +90,7 @@ def _within(
             robots[ego] = RobotStatus("ok", InitialPose(np.zeros(3), np.zeros((3, 3))))
         elif robot.name in names:
             k = names.index(robot.name)
-            status = told(joints, k, not robot.static)
-            if status.status == "ok" and len(cut_off) > 0:
-                status = replace(status, status="ambiguous", why=CUT_OFF.format(", ".join(cut_off)))
-            robots[robot.name] = status
+            robots[robot.name] = doubted(told(joints, k, not robot.static), edges)
         elif robot.name in moving or robot.static:
             robots[robot.name] = unobservable(f"no chain of ranges connects it with {ego}")
         else:
@@ -151,6 +148,16 @@ def told(joints: list[Joint], k: int, turns: bool) -> RobotStatus:
     if len(rest) >= MANY or hopeless(best.covariance):
         return RobotStatus("unobservable", best, top, f"{why}: not observable yet; {DRIVE}", rest)
     return RobotStatus("ambiguous", best, top, f"{why}; {DRIVE}", rest)
+
+
+def doubted(status: RobotStatus, edges: Edges) -> RobotStatus:
+    """What is told of a robot, but not `ok` where a pair may have another solution unseen."""
+    cut_off = ["-".join(pair) for pair, found in edges.items() if not found.complete]
+    chosen = ["-".join(pair) for pair, found in edges.items() if found.left_out > 0]
+    for pairs, why in ((cut_off, CUT_OFF), (chosen, CHOSEN)):
+        if status.status == "ok" and len(pairs) > 0:
+            return replace(status, status="ambiguous", why=why.format(", ".join(pairs)))
+    return status
 
 
 def contradicts(joint: Joint) -> bool:

@@ -32,16 +32,19 @@ def solve_pair(pair: Pair, turns: bool = True) -> Hypotheses:
     """All relative poses that a pair's ranges leave possible.
 
     Without `turns` robot j is static: its heading means nothing and stays 0. Where even the best
-    pose leaves residuals beyond their noise, a few ranges without which the rest fits are left out;
-    where that does not help, the noise is believed that much larger.
+    pose leaves residuals beyond their noise, a few ranges without which the rest fits are left out,
+    and nothing is unique: others might do as well. Where that does not help, the noise is believed
+    that much larger.
     """
     solutions = _solve(pair, turns)
     if fits(solutions.cost, pair.z.size, turns):
         return solutions
     rest = without_wild(pair, turns, solutions.cost)
     if rest is not None:
-        return replace(_solve(rest, turns), left_out=pair.z.size - rest.z.size)
-    return _solve(widened(pair, solutions.cost / (pair.z.size - (3 if turns else 2))), turns)
+        left_out = pair.z.size - rest.z.size
+        return replace(_solve(rest, turns), left_out=left_out, unique=False)
+    left = max(pair.z.size - (3 if turns else 2), 1)
+    return _solve(widened(pair, solutions.cost / left), turns)
 
 
 def _solve(pair: Pair, turns: bool) -> Hypotheses:

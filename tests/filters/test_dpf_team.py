@@ -113,7 +113,26 @@ def test_without_consensus_every_robot_draws_its_own_particles():
     silent, talking = (run.traffic["R1"]["bytes_sent"] for run in (told, once))
     samples = 40 * run_samples(problem)
     assert silent == samples < talking
-    assert np.isfinite(told.mean).all()
+    w = np.exp(told.belief.log_weight)
+    assert 1.0 / np.sum(w**2) > 100.0
+
+
+def test_without_consensus_own_ranges_count_once():
+    """Errors are as large as the covariance says, up to the noise of some seeds."""
+    squared, claimed = [], []
+    for seed in range(4):
+        recording = team(seed, seconds=10.0)
+        problem = problem_of(recording)
+        told = solve_dpf(problem, settings(likelihood="shared", iterations=0, particles=800))
+        late = problem.outputs.stamp > 3 * SECOND
+        squared.append(np.mean(errors(recording, problem, told.mean)[late] ** 2))
+        claimed.append(np.trace(told.covariance[late][:, :2, :2], axis1=1, axis2=2).mean())
+    assert np.mean(squared) < 1.6 * np.mean(claimed)
+
+
+def test_nobody_is_out_of_reach_of_an_ego_that_was_silent():
+    recording = without(team(seconds=10.0, range_rate=5), "R1", 3, 8)
+    assert solve_dpf(problem_of(recording), settings()).apart == {}
 
 
 def run_samples(problem):

@@ -147,11 +147,15 @@ def test_a_range_that_is_wildly_wrong_is_survived(row, excess):
 
 
 def test_a_search_that_is_cut_off_calls_nothing_unique():
+    """Robots that all but touch along the same way, with ranges to a millimetre."""
     rng = np.random.default_rng(10)
-    a = track(rng.normal(0.0, 0.5, 12), rng)
-    pair = measured(a, a, np.zeros(3), 0.01, 0.0, rng)
-    found = solve_pair(pair)
-    assert found.complete or not found.unique
+    a = track(rng.normal(0.0, 0.5, 6), rng)
+    pair = measured(a, a, np.zeros(3), 0.001, 0.0, rng)
+    found = solve_pair(
+        pair._replace(z=np.array([1.0, *[0.001] * 6]), variance=np.array([1.0, *[1e-6] * 6]))
+    )
+    assert not found.complete
+    assert not found.unique
 
 
 def test_a_wild_range_is_left_out_and_the_rest_tells_the_pose():
@@ -166,6 +170,7 @@ def test_a_wild_range_is_left_out_and_the_rest_tells_the_pose():
         (e,) = error(found.mean[0], pose)
         assert np.hypot(e[0], e[1]) < 0.5
         assert found.left_out == 2
+        assert not found.unique
 
 
 def test_ranges_that_all_fit_badly_are_not_left_out():
@@ -176,3 +181,23 @@ def test_ranges_that_all_fit_badly_are_not_left_out():
     found = solve_pair(pair._replace(variance=np.full(20, 0.05**2)))
     assert found.left_out == 0
     assert not found.unique
+
+
+@pytest.mark.parametrize("z", [[1.0, 5.0], [5.0, 1.0], [1.0, 1.0, 6.0], [1.0, 5.0, 1.0]])
+def test_few_ranges_that_no_pose_explains_tell_nothing(z):
+    k = np.arange(len(z))
+    pair = still(z, [0.05] * len(z), np.stack([0.6 * k, 0.0 * k], axis=1))
+    moving = pair._replace(b=np.stack([0.6 * k, 0.1 * k**2], axis=1))
+    assert not solve_pair(moving).unique
+    assert not solve_pair(pair, turns=False).unique
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 5])
+def test_a_first_range_of_nothing_is_survived(n):
+    rng = np.random.default_rng(11)
+    a, b = (track(rng.normal(0.0, 0.5, n - 1), rng) for _ in "ab")
+    pair = measured(a, b, np.array([1.0, 1.0, 0.5]), 0.1, 0.0, rng)
+    pair.z[0] = 0.0
+    found = solve_pair(pair)
+    assert np.all(np.isfinite(found.mean))
+    assert np.all(np.isfinite(found.covariance))
