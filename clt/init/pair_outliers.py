@@ -16,13 +16,23 @@ OFF = 6.0
 """... and is off by at least so many standard deviations: noise that is merely larger is not."""
 
 
+def plausible(squared: float, count: int) -> bool:
+    """Whether squares of so many numbers, in units of their variance, may add up to as much."""
+    return squared <= count + MISFIT * float(np.sqrt(2.0 * count))
+
+
+def spare(n: int, turns: bool) -> int:
+    """How many of n ranges are more than a pose has unknowns."""
+    return n - (3 if turns else 2)
+
+
 def fits(cost: float, n: int, turns: bool) -> bool:
     """Whether n squared residuals of a best pose (in units of their variance) may be noise.
 
     Also as few as a pose can follow: those that contradict each other no pose explains.
     """
-    left = n - (3 if turns else 2)
-    return cost <= (left + MISFIT * np.sqrt(2.0 * left) if left > 0 else MISFIT * MISFIT)
+    left = spare(n, turns)
+    return plausible(cost, left) if left > 0 else cost <= MISFIT * MISFIT
 
 
 def without_wild(pair: Pair, turns: bool, cost: float) -> Pair | None:
@@ -37,6 +47,6 @@ def without_wild(pair: Pair, turns: bool, cost: float) -> Pair | None:
         costs = [best_found(rest, fewer(rest), turns, work_for(rest)) for rest in left]
         pair = left[int(np.argmin(costs))]
         if fits(min(costs), pair.z.size, turns):
-            told = pair.z.size > (4 if turns else 3) and cost - min(costs) >= OFF * OFF * out
+            told = spare(pair.z.size, turns) > 1 and cost - min(costs) >= OFF * OFF * out
             return pair if told else None
     return None

@@ -39,8 +39,8 @@ ACROSS, RESIDUAL, SLOPE, ROOM = range(4)
 def one_minimum(pair: Pair, work: Work, low: float, high: float, most: float) -> bool:
     """No distance in low .. high (m) costs less than the linearization promises, and than `most`.
 
-    `weigh` has just told `work`, without a step and with nothing added to W. W is taken as it is
-    there.
+    Up to KEPT; and where ranges bend little, less by a part that hides no second minimum
+    (STRAIGHT). `weigh` has just told `work`, with nothing added to W, which is held as it is.
     """
     n, g, out = pair.z.size, work.g, work.out
     c, s = np.cos(out[PHI]), np.sin(out[PHI])

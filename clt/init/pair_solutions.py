@@ -48,8 +48,9 @@ MARGIN = 14.0
 as the tracks are exact; see `fakeable`."""
 FINE, DEAR_FINE = 2.2, 4.4
 """A cell is done when the square root of the cost changes across half of it by less; the latter
-where that is RARE or less below what is impossible."""
+where even the best of the cell is RARE or less below what is impossible."""
 RARE = 9.0
+"""Difference of costs."""
 LEAST = 0.1
 """So many deviations of the distance need not be told apart."""
 TRIALS = 6
@@ -152,17 +153,18 @@ def halve(pair: Pair, work: Work, cells: Floats, most: float) -> tuple[Floats, b
     waiting, finished, head, complete = len(cells), 0, 0, True
     queue[:waiting] = cells
     while head < waiting:
-        theta, phi, h_t, h_p, _, low, high = queue[head]
-        off = considered(pair, work, queue[head], most)
+        cell = queue[head]
+        theta, phi, h_t, h_p, _, low, high = cell
+        off = considered(pair, work, cell, most)
         head += 1
         if off == np.inf:
             continue
         best = best_distance(out, low, high)
         along = 0 if h_t * h_t * out[H_TT] >= h_p * h_p * out[H_PP] else 1
         full = waiting + 2 > MOST
-        if full or (off == 0.0 and change(out, h_t, h_p) <= fine(out, queue[head - 1], most)):
+        if full or (off == 0.0 and change(out, h_t, h_p) <= fine(out, cell, most)):
             weigh(pair, theta, phi, best, low, high, none, work.L, work.y, out)
-            if change(out, h_t, h_p) <= fine(out, queue[head - 1], most):
+            if change(out, h_t, h_p) <= fine(out, cell, most):
                 along = settled(pair, work, none, low, high, most)
             complete = complete and (along == DONE or not full)
             if full or along == DONE:

@@ -11,6 +11,7 @@ from clt.filters.settings import FilterSettings
 from clt.geometry import wrap
 from clt.init.pair_graph import Edges, Joint, combine
 from clt.init.pair_hypotheses import CERTAIN, sharp
+from clt.init.pair_outliers import plausible
 from clt.init.pairwise import cut_pair, solve_pair
 from clt.init.start import Hypothesis, InitialPose, odometry_begin
 from clt.init.status import Alternative, Initialization, RobotStatus, unobservable
@@ -29,8 +30,6 @@ CUT_OFF = "the search for the relative pose of {} was cut off: there may be othe
 CHOSEN = "of the ranges of {} some fit to no pose, and which of them is a guess; " + DRIVE
 LEFT_OUT = "{}: {} of the ranges (or averages of them) fit to no pose and were left out"
 CONTRADICT = "the pairs of the team contradict each other; " + DRIVE
-MISFIT = 3.0
-"""Standard deviations by which pairs may disagree along cycles beyond what they claim."""
 OVERLAP = 9.0
 """Squared distance, in units of their summed variance, of solutions that are one."""
 
@@ -162,7 +161,7 @@ def doubted(status: RobotStatus, edges: Edges) -> RobotStatus:
 
 def contradicts(joint: Joint) -> bool:
     """The pairs that closed cycles disagree by more than their covariances allow."""
-    return joint.mismatch > joint.checks + MISFIT * float(np.sqrt(2.0 * joint.checks))
+    return not plausible(joint.mismatch, joint.checks)
 
 
 def shares(log_weight: list[float]) -> Floats:

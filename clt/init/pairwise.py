@@ -18,7 +18,7 @@ from clt.filters.inputs import (
 from clt.filters.settings import FilterSettings
 from clt.init.pair_hypotheses import Hypotheses, gather
 from clt.init.pair_likelihood import Pair
-from clt.init.pair_outliers import fits, without_wild
+from clt.init.pair_outliers import fits, spare, without_wild
 from clt.init.pair_solutions import explore, fewer
 from clt.init.pair_tracks import Track, dead_reckon
 from clt.init.pairs import range_sigma
@@ -43,8 +43,7 @@ def solve_pair(pair: Pair, turns: bool = True) -> Hypotheses:
     if rest is not None:
         left_out = pair.z.size - rest.z.size
         return replace(_solve(rest, turns), left_out=left_out, unique=False)
-    left = max(pair.z.size - (3 if turns else 2), 1)
-    return _solve(widened(pair, solutions.cost / left), turns)
+    return _solve(widened(pair, solutions.cost / max(spare(pair.z.size, turns), 1)), turns)
 
 
 def _solve(pair: Pair, turns: bool) -> Hypotheses:

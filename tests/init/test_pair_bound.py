@@ -29,7 +29,6 @@ from clt.init.pair_expansion import (
 from clt.init.pair_likelihood import AT, COST, FIELDS, PHI, THETA, Pair, descend, factor, weigh
 from clt.init.pair_promises import one_minimum
 from clt.init.pair_solutions import FAR, MARGIN, NEAR, WIDTH_P, WIDTH_T, explore, fewer
-from clt.init.pairwise import solve_pair
 from tests.init.pair_costs import cost_of, residuals_and_covariance
 
 
@@ -245,24 +244,6 @@ def test_one_minimum_sees_every_other_one_along_a_line():
             assert single
         seen[single] += 1
     assert min(seen.values()) > 20
-
-
-@pytest.mark.parametrize(
-    ("first", "sigma", "across"),
-    [(0.2, 0.05, 0.3), (0.5, 0.1, 0.5), (0.2, 0.1, 0.4), (1, 0.05, 0.7)],
-)
-def test_two_solutions_in_one_direction_are_told_apart(first, sigma, across):
-    """A robot that drives across the line of sight: the other may be before it or behind."""
-    ys = np.linspace(-0.5, 0.5, 8)
-    a = np.vstack([[0.0, 0.0], np.stack([np.full(8, 2.0), ys], axis=1)])
-    none = np.zeros((9, 2, 2))
-    z = np.append(2.0, np.hypot(across, ys))
-    variance = np.append(first**2, np.full(8, sigma**2))
-    pair = Pair(z, variance, a, np.zeros((9, 2)), *[np.zeros((9, 9, 2, 2))] * 2, *[none] * 3)
-    found = solve_pair(pair, turns=False)
-    assert not found.unique
-    np.testing.assert_allclose(found.probability[:2], 0.5, atol=0.02)
-    np.testing.assert_allclose(np.sort(found.mean[:2, 0]), [2 - across, 2 + across], atol=0.03)
 
 
 def test_the_determinant_of_a_factor_neither_overflows_nor_vanishes():

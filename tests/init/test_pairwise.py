@@ -124,14 +124,20 @@ def still(z, sigma, a):
     )
 
 
-def test_two_solutions_in_one_direction_are_told_apart():
+@pytest.mark.parametrize(
+    ("first", "sigma", "across"),
+    [(0.2, 0.05, 0.3), (0.5, 0.1, 0.5), (0.2, 0.1, 0.4), (1.0, 0.05, 0.7)],
+)
+def test_two_solutions_in_one_direction_are_told_apart(first, sigma, across):
     """Mirror images at the line that robot i drove along, both straight ahead of its start."""
     ys = np.linspace(-0.5, 0.5, 8)
     a = [(0.0, 0.0), *((2.0, y) for y in ys)]
-    found = solve_pair(still([2.0, *np.hypot(0.7, ys)], [1.0, *[0.05] * 8], a), turns=False)
+    z = [2.0, *np.hypot(across, ys)]
+    found = solve_pair(still(z, [first, *[sigma] * 8], a), turns=False)
     assert not found.unique
-    for x in (1.3, 2.7):
-        assert np.min(np.hypot(found.mean[:, 0] - x, found.mean[:, 1])) < 0.05
+    np.testing.assert_allclose(found.probability[:2], 0.5, atol=0.02)
+    np.testing.assert_allclose(np.sort(found.mean[:2, 0]), [2 - across, 2 + across], atol=0.03)
+    np.testing.assert_allclose(found.mean[:2, 1], 0.0, atol=0.05)
 
 
 @pytest.mark.parametrize(("row", "excess"), [(12, 100.0), (4, 300.0), (0, 300.0), (2, 1e5)])
