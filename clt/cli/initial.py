@@ -27,11 +27,14 @@ def find(
     settings: FilterSettings,
     console: Console,
     ego: str | None = None,
+    *,
+    kept: bool = False,
 ) -> tuple[str, Initialization]:
     """Initial poses by a method of METHODS, and the method that `auto` chose.
 
     `pairwise` tells them in the frame of the `ego`, else of the first moving robot; `auto` takes
-    it in the frame of an ego with fewer than two static robots. Says which robots cannot be told.
+    it in the frame of an ego with fewer than two static robots. Says which robots cannot be told;
+    those that are open are no lack where what follows has `kept` every hypothesis.
     Raises CltError where nothing can be initialized at all.
     """
     recorded = from_record(recording) if method == "auto" else None
@@ -50,7 +53,7 @@ def find(
         console.say(f"initial poses: from ranges between pairs, in the frame {found.frame}")
         for note in found.notes:
             console.warn(note)
-        missing(found, console)
+        missing(found, console, kept=kept)
         return method, found
     if recorded is not None:
         console.say("initial poses: from the log's own record")
@@ -67,15 +70,18 @@ def start_for(
     settings: FilterSettings,
     console: Console,
     ego: str | None = None,
+    *,
+    kept: bool,
 ) -> Start:
     """The start of a filter by one of METHODS or from a TOML file.
 
-    In the frame of an `ego` a file without a table for it gives relative poses.
+    In the frame of an `ego` a file without a table for it gives relative poses. Whether the filter
+    has `kept` all hypotheses decides whether an open start is told as a lack.
     Raises UsageError for a file that makes no sense, CltError where no robot can be initialized.
     """
     if isinstance(init, Document):
         return from_poses(recording, read_toml(init), str(init), settings.initial.sigma, ego)
-    _, found = find(recording, init, settings, console, ego)
+    _, found = find(recording, init, settings, console, ego, kept=kept)
     return start_of(found, recording)
 
 
@@ -91,14 +97,15 @@ def start_of(found: Initialization, recording: Recording) -> Start:
     return start
 
 
-def missing(found: Initialization, console: Console) -> None:
+def missing(found: Initialization, console: Console, *, kept: bool = False) -> None:
     """Say which robots have no certain pose, and why: once for all that share a reason."""
-    reasons: dict[tuple[str, str], list[str]] = {}
+    reasons: dict[tuple[str, str, bool], list[str]] = {}
     for name, robot in found.robots.items():
         if robot.status != "ok":
-            reasons.setdefault((robot.status, robot.why), []).append(name)
-    for (status, why), names in reasons.items():
-        console.warn(f"{', '.join(names)} ({status}): {why}", partial=True)
+            lacking = not (kept and robot.open)
+            reasons.setdefault((robot.status, robot.why, lacking), []).append(name)
+    for (status, why, lacking), names in reasons.items():
+        console.warn(f"{', '.join(names)} ({status}): {why}", partial=lacking)
 
 
 def report(found: Initialization, recording: Recording, console: Console) -> None:

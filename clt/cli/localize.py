@@ -92,6 +92,7 @@ def localize(
     from clt.cli.localize_report import describe, tell
     from clt.errors import UsageError
     from clt.filters.problem import require_robots
+    from clt.filters.world import KEEP_ALL
     from clt.log.load import load
     from clt.log.output import STDOUT
     from clt.log.save import save
@@ -117,7 +118,8 @@ def localize(
     require_robots(estimator.view, recording.team.names)
     clock.append(perf_counter())
     ego = next(iter(estimator.view.names), None)
-    start = start_for(recording, inputs["poses"] or init, settings, console, ego)
+    kept = estimator.filter in KEEP_ALL
+    start = start_for(recording, inputs["poses"] or init, settings, console, ego, kept=kept)
     for line in advise(recording, start.poses, frame):
         console.warn(line)
     clock.append(perf_counter())

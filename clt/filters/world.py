@@ -38,6 +38,8 @@ FILTERPY: dict[str, Filter] = {
     "ukf": filterpy_engine.solve_ukf,
 }
 """The same through filterpy."""
+KEEP_ALL = frozenset({"mixture", "pf", "dpf"})
+"""Filters that follow every hypothesis of a start, and tell which of them was true."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,10 @@ from clt.streams import Floats, Recording
 
 DRIVE = "let both robots drive on in curves, or give its pose in a TOML file (--init FILE)"
 SPANS = (15, 30, 60)
-"""Seconds of the log that are looked at; the longer only where the shorter do not suffice."""
+"""Seconds of the log that are looked at; the longer only where the shorter do not suffice.
+
+That of them counts which tells most: odometry drifts, and a longer one may tell less.
+"""
 MANY = 8
 """A robot with as many alternatives as these is not observable yet."""
 UNKNOWN = 0.8
@@ -30,6 +33,8 @@ CUT_OFF = "the search for the relative pose of {} was cut off: there may be othe
 CHOSEN = "of the ranges of {} some fit to no pose, and which of them is a guess; " + DRIVE
 LEFT_OUT = "{}: {} of the ranges (or averages of them) fit to no pose and were left out"
 CONTRADICT = "the pairs of the team contradict each other; " + DRIVE
+FINEST = 1e-3
+"""Standard deviation (m, rad) beyond which narrower is not better."""
 OVERLAP = 9.0
 """Squared distance, in units of their summed variance, of solutions that are one."""
 
@@ -51,13 +56,34 @@ def from_pairwise(
         raise CltError(f"{ego} has no odometry: no pose can be told in its frame")
     begin = max(odometry_begin(recording, name) for name in moving)
     last = max(int(recording.odometry[name].stamp[-1]) for name in moving)
+    tried = []
     for seconds in SPANS:
         end = begin + seconds * 1_000_000_000
-        found = _within(recording, moving, ego, (begin, min(end, last)), settings)
-        settled = all(robot.status == "ok" for robot in found.robots.values())
+        tried.append(_within(recording, moving, ego, (begin, min(end, last)), settings))
+        settled = all(robot.status == "ok" for robot in tried[-1].robots.values())
         if settled or end >= last:
             break
-    return found
+    return max(tried, key=how_much)
+
+
+def how_much(found: Initialization) -> tuple[bool, int, int, float]:
+    """How much is told: without contradiction, of how many robots surely and at all, how narrowly.
+
+    Narrow is the sum over robots of log(p) - 1/2 log(det P) of the pose that is told, no sigma
+    finer than a millimetre or milliradian.
+    """
+    robots = list(found.robots.values())
+    narrow = 0.0
+    for robot in robots:
+        if robot.pose is not None:
+            P = robot.pose.covariance + FINEST**2 * np.eye(3)
+            narrow += float(np.log(robot.probability) - 0.5 * np.linalg.slogdet(P)[1])
+    return (
+        all(robot.why != CONTRADICT for robot in robots),
+        sum(robot.status == "ok" for robot in robots),
+        sum(robot.pose is not None for robot in robots),
+        narrow,
+    )
 
 
 def _within(
@@ -146,17 +172,17 @@ def told(joints: list[Joint], k: int, turns: bool) -> RobotStatus:
         why = f"{len(rest) + 1} poses explain the ranges (this one with probability {top:.2f})"
     if len(rest) >= MANY or hopeless(best.covariance):
         return RobotStatus("unobservable", best, top, f"{why}: not observable yet; {DRIVE}", rest)
-    return RobotStatus("ambiguous", best, top, f"{why}; {DRIVE}", rest)
+    return RobotStatus("ambiguous", best, top, f"{why}; {DRIVE}", rest, open=True)
 
 
 def doubted(status: RobotStatus, edges: Edges) -> RobotStatus:
-    """What is told of a robot, but not `ok` where a pair may have another solution unseen."""
+    """What is told of a robot, but neither `ok` nor open where a pair may have another solution."""
     cut_off = ["-".join(pair) for pair, found in edges.items() if not found.complete]
     chosen = ["-".join(pair) for pair, found in edges.items() if found.left_out > 0]
     for pairs, why in ((cut_off, CUT_OFF), (chosen, CHOSEN)):
         if status.status == "ok" and len(pairs) > 0:
             return replace(status, status="ambiguous", why=why.format(", ".join(pairs)))
-    return status
+    return replace(status, open=status.open and len(cut_off) + len(chosen) == 0)
 
 
 def contradicts(joint: Joint) -> bool:

@@ -15,6 +15,9 @@ from clt.filters.inputs import Segments
 from clt.geometry import rotation
 from clt.streams import Floats, Indices, Stamps
 
+LINEAR = 0.25
+"""Standard deviation of a heading (rad) up to which what it does to a track is linear in it."""
+
 
 @dataclass(frozen=True)
 class Track:
@@ -24,6 +27,21 @@ class Track:
     """(n, 2), m."""
     covariance: Floats
     """Between the errors at any two of the chosen times, (m, m, 2, 2), m^2."""
+
+
+def standing(n: int, m: int) -> Track:
+    """The track of a robot that does not move, at n stamps of which m are chosen."""
+    return Track(np.zeros((n, 2)), np.zeros((m, m, 2, 2)))
+
+
+def linear_until(segments: Segments, start: int) -> int:
+    """Time (ns) to which odometry alone, from `start`, knows the heading to LINEAR."""
+    dt = np.diff(segments.end, prepend=start) * 1e-9
+    variance = np.cumsum(segments.interval * segments.var_omega * dt)
+    known = int(np.searchsorted(variance, LINEAR**2, side="right"))
+    if known == segments.end.size:
+        return int(np.iinfo(np.int64).max)
+    return int(segments.end[known - 1]) if known > 0 else start
 
 
 def dead_reckon(

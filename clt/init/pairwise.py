@@ -10,19 +10,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from clt.filters.inputs import (
-    correlated_variance,
-    correlation_time,
-    robot_segments,
-)
+from clt.filters.inputs import Segments, correlated_variance, correlation_time, robot_segments
 from clt.filters.settings import FilterSettings
 from clt.init.pair_hypotheses import Hypotheses, gather
 from clt.init.pair_likelihood import Pair
 from clt.init.pair_outliers import fits, spare, without_wild
 from clt.init.pair_solutions import explore, fewer
-from clt.init.pair_tracks import Track, dead_reckon
+from clt.init.pair_tracks import Track, dead_reckon, linear_until, standing
 from clt.init.pairs import range_sigma
-from clt.streams import Floats, Indices, Recording, Stamps
+from clt.streams import Floats, Indices, Recording
 
 MOST_RANGES = 40
 """More than these are averaged in as many blocks."""
@@ -63,16 +59,19 @@ def cut_pair(
 ) -> Pair | None:
     """Ranges and tracks of two robots over a span (ns); None where they have no range.
 
-    The first robot moves; the second may be static. Both directions of ranging count.
+    The first robot moves; the second may be static. Both directions of ranging count. The span ends
+    early where odometry has lost a heading.
     """
     team, ranges = recording.team, recording.ranges
     i, j = (team.index(name) for name in names)
+    parts = [_segments(recording, name, span, settings) for name in names]
+    end = min(span[1], *(linear_until(part, span[0]) for part in parts if part is not None))
     rows = np.flatnonzero(
         ((ranges.source == i) & (ranges.target == j))
         | ((ranges.source == j) & (ranges.target == i))
     )
     stamp = ranges.stamp[rows]
-    rows = rows[(stamp >= span[0]) & (stamp <= span[1]) & np.isfinite(ranges.range[rows])]
+    rows = rows[(stamp >= span[0]) & (stamp <= end) & np.isfinite(ranges.range[rows])]
     if rows.size == 0:
         return None
     stamp = ranges.stamp[rows]
@@ -81,27 +80,23 @@ def cut_pair(
     variance = correlated_variance(sigma**2, stamp, np.zeros(rows.size, np.int64), tau)
     first = np.linspace(0, rows.size, min(rows.size, MOST_RANGES) + 1).astype(np.int64)[:-1]
     middle = (first + np.append(first[1:], rows.size) - 1) // 2
-    a, b = (_track(recording, name, span, stamp, middle, settings) for name in names)
+    a, b = (
+        standing(stamp.size, middle.size)
+        if part is None
+        else dead_reckon(part, span[0], stamp, np.array(team.robots[k].antenna, float), middle)
+        for k, part in zip((i, j), parts, strict=True)
+    )
     return in_blocks(ranges.range[rows], variance, a, b, first)
 
 
-def _track(
-    recording: Recording,
-    name: str,
-    span: tuple[int, int],
-    stamp: Stamps,
-    middle: Indices,
-    settings: FilterSettings,
-) -> Track:
-    """Where a robot's antenna was at every range, and how its errors accumulated."""
+def _segments(
+    recording: Recording, name: str, span: tuple[int, int], settings: FilterSettings
+) -> Segments | None:
+    """The odometry of a robot over a span (ns) of time; None of a static one."""
     robot = recording.team.robots[recording.team.index(name)]
     if robot.static:
-        none = np.zeros((middle.size, middle.size, 2, 2))
-        return Track(np.zeros((stamp.size, 2)), none)
-    parts, _ = robot_segments(
-        recording.odometry[name], robot, settings.noise, span[0], max(span[1], int(stamp[-1]))
-    )
-    return dead_reckon(parts, span[0], stamp, np.array(robot.antenna, np.float64), middle)
+        return None
+    return robot_segments(recording.odometry[name], robot, settings.noise, *span)[0]
 
 
 def in_blocks(z: Floats, variance: Floats, a: Track, b: Track, first: Indices) -> Pair:

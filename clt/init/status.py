@@ -35,6 +35,9 @@ class RobotStatus:
     """Of the pose among its alternatives."""
     why: str = ""
     alternatives: tuple[Alternative, ...] = ()
+    open: bool = False
+    """All that is possible is among the hypotheses of the team: a filter that keeps them may tell
+    which of it is true."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 import numpy as np
 
 from clt.filters.inputs import Segments
-from clt.init.pair_tracks import dead_reckon
+from clt.init.pair_tracks import LINEAR, dead_reckon, linear_until
 
 SECOND = 1_000_000_000
 
@@ -70,3 +70,14 @@ def test_covariance_between_all_times_is_that_of_drawn_errors():
     sigma = np.sqrt(np.einsum("kkii->ki", track.covariance))
     scale = sigma[:, None, :, None] * sigma[None, :, None, :]
     np.testing.assert_allclose(sample / scale, track.covariance / scale, atol=0.08)
+
+
+def test_a_track_lasts_until_odometry_has_lost_the_heading():
+    parts = segments(np.random.default_rng(4))
+    assert linear_until(parts, SECOND) == np.iinfo(np.int64).max
+    for steps in (1, 7, 39):
+        # Each step of 0.1 s adds (0.1 s * sigma)^2; so many of them just reach LINEAR.
+        poor = parts._replace(var_omega=np.full(40, LINEAR**2 / (steps + 0.5) / 0.01))
+        assert linear_until(poor, SECOND) == parts.end[steps - 1]
+    lost = parts._replace(var_omega=np.full(40, 2.0 * LINEAR**2 / 0.01))
+    assert linear_until(lost, SECOND) == SECOND

@@ -1,4 +1,4 @@
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -8,7 +8,9 @@ from clt.filters.settings import FilterSettings
 from clt.geometry import relative_pose, wrap
 from clt.init.pair_graph import combine, inverted
 from clt.init.pair_hypotheses import Hypotheses
-from clt.init.pair_team import from_pairwise
+from clt.init.pair_team import CHOSEN, CONTRADICT, CUT_OFF, doubted, from_pairwise, how_much
+from clt.init.start import InitialPose
+from clt.init.status import Initialization, RobotStatus, unobservable
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
 
@@ -130,3 +132,59 @@ def test_a_team_without_ranges_is_refused_in_one_line():
     )
     with pytest.raises(CltError, match="no ranges between robots"):
         from_pairwise(replace(recording, ranges=none), FilterSettings())
+
+
+def test_of_several_spans_that_counts_which_tells_most():
+    """Sixty seconds of this drive leave more open than thirty."""
+    keys = {"duration": 60.0, "seed": 10}
+    recording = replace(simulate(load_scenario("li-two", keys)), truth={})
+    found = from_pairwise(recording, FilterSettings())
+    until = found.stamp + 30_000_000_000
+    odometry = {
+        name: replace(
+            one, **{f.name: getattr(one, f.name)[one.stamp <= until] for f in fields(one)}
+        )
+        for name, one in recording.odometry.items()
+    }
+    short = from_pairwise(replace(recording, odometry=odometry), FilterSettings())
+    assert found.robots["R2"].status == "ambiguous"
+    np.testing.assert_allclose(found.robots["R2"].pose.mean, short.robots["R2"].pose.mean)
+
+
+def start(sigma, status="ambiguous", probability=1.0, why=""):
+    pose = InitialPose(np.zeros(3), sigma**2 * np.eye(3))
+    robot = RobotStatus(status, pose, probability, why)
+    ego = RobotStatus("ok", InitialPose(np.zeros(3), np.zeros((3, 3))))
+    return Initialization(0, False, {"R1": ego, "R2": robot})
+
+
+def test_what_tells_more_is_without_contradiction_then_sure_then_narrow():
+    nothing = Initialization(0, False, {"R1": start(1.0).robots["R1"], "R2": unobservable("no")})
+    better = [
+        start(0.01, why=CONTRADICT),
+        nothing,
+        start(1.0, probability=0.2),
+        start(1.0),
+        start(0.2),
+        start(0.25, "ok"),
+        start(0.02, "ok"),
+    ]
+    assert sorted(better, key=how_much) == better
+    worse = better[::-1]
+    assert sorted(worse, key=how_much) == better
+
+
+def test_a_start_with_something_unseen_is_not_open():
+    """No filter can settle what is not among its hypotheses."""
+    whole = seen("R1", "R2")
+    for edge, why in (
+        (replace(whole, complete=False), CUT_OFF),
+        (replace(whole, left_out=1), CHOSEN),
+    ):
+        edges = {("R1", "R2"): edge}
+        sure = doubted(RobotStatus("ok", None), edges)
+        assert (sure.status, sure.open) == ("ambiguous", False)
+        assert sure.why == why.format("R1-R2")
+        assert not doubted(RobotStatus("ambiguous", None, open=True), edges).open
+    assert doubted(RobotStatus("ambiguous", None, open=True), {("R1", "R2"): whole}).open
+    assert doubted(RobotStatus("ok", None), {("R1", "R2"): whole}).status == "ok"
