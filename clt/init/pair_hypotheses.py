@@ -46,7 +46,9 @@ class Hypotheses:
     complete: bool = True
     """The search was not cut off: nothing is missing."""
     left_out: int = 0
-    """Ranges (or blocks of them) that fit to nothing and were not used."""
+    """Ranges (or blocks of them) that fit to nothing and were not used ..."""
+    chosen: bool = False
+    """... which others might be as well, for another pose."""
 
 
 def gather(

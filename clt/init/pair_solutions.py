@@ -78,16 +78,19 @@ def chosen(pair: Pair, rows: Indices) -> Pair:
 
 
 @kernel
-def explore(pair: Pair, few: Pair, turns: bool) -> tuple[Floats, float, bool]:
+def explore(pair: Pair, few: Pair, turns: bool, enough: float) -> tuple[Floats, float, bool, float]:
     """Cells (m, CELL) that hold all of the posterior; what cost odometry noise may fake; all done.
 
     Not all are done where there would be more than MOST: the rest is coarse, and may hide minima.
+    Also tells the least cost that least squares found; no cells where that is more than `enough`.
 
     `few` is the pair with some of its ranges only. Without `turns` phi stays 0: robot j is static
     and has no heading that could be told.
     """
     work, work_few = work_for(pair), work_for(few)
     best = best_found(pair, few, turns, work)
+    if best > enough:
+        return np.empty((0, CELL)), 0.0, False, best
     faked = fakeable(pair, work.L, work.y)
     most = best + MARGIN + faked
     near, far = nearest_farthest(pair, work.sizes, most)
@@ -97,26 +100,39 @@ def explore(pair: Pair, few: Pair, turns: bool) -> tuple[Floats, float, bool]:
         if considered(few, work_few, cells[row], most) < np.inf:
             cells[kept], kept = cells[row], kept + 1
     found, complete = halve(pair, work, cells[:kept], most)
-    return found, faked, complete
+    return found, faked, complete, best
 
 
 @kernel
 def best_found(pair: Pair, few: Pair, turns: bool, work: Work) -> float:
     """The least cost that least squares lead to from all around; its `weigh` is left in `work`."""
+    found = descents(pair, few, turns, work)
+    best = found[np.argmin(found[:, 0])]
+    none = np.zeros(pair.z.size)
+    weigh(pair, best[1], best[2], best[3], 0.0, np.inf, none, work.L, work.y, work.out)
+    return float(best[0])
+
+
+@kernel
+def descents(pair: Pair, few: Pair, turns: bool, work: Work) -> Floats:
+    """Where least squares lead to from the TRIALS best directions and turns all around.
+
+    Cost, theta, phi (rad) and distance (m) of each: (TRIALS, 4).
+    """
     L, y, out, none = work.L, work.y, work.out, np.zeros(pair.z.size)
-    best, at = np.inf, np.zeros(3)
     d = max(pair.z[0], NEAREST)
     coarse = circle(COARSE // 2, turns, d, 0.0, np.inf)
     cost = np.empty(len(coarse))
     for row in range(len(coarse)):
         weigh(few, coarse[row, 0], coarse[row, 1], d, 0.0, np.inf, none, L, y, out)
         cost[row] = out[COST]
-    for row in np.argsort(cost)[:TRIALS]:
-        descend(pair, coarse[row, 0], coarse[row, 1], d, turns, L, y, out)
-        if attained(out) < best:
-            best, at[0], at[1], at[2] = attained(out), out[THETA], out[PHI], out[AT]
-    weigh(pair, at[0], at[1], at[2], 0.0, np.inf, none, L, y, out)
-    return best
+    found = np.empty((TRIALS, 4))
+    rows = np.argsort(cost)
+    for k in range(TRIALS):
+        descend(pair, coarse[rows[k], 0], coarse[rows[k], 1], d, turns, L, y, out)
+        found[k, 0], found[k, 1] = attained(out), out[THETA]
+        found[k, 2], found[k, 3] = out[PHI], out[AT]
+    return found
 
 
 @kernel

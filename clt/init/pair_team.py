@@ -11,7 +11,7 @@ from clt.filters.settings import FilterSettings
 from clt.geometry import wrap
 from clt.init.pair_graph import Edges, Joint, combine
 from clt.init.pair_hypotheses import CERTAIN, sharp
-from clt.init.pair_outliers import plausible
+from clt.init.pair_outliers import bound
 from clt.init.pairwise import cut_pair, solve_pair
 from clt.init.start import Hypothesis, InitialPose, odometry_begin
 from clt.init.status import Alternative, Initialization, RobotStatus, unobservable
@@ -178,7 +178,7 @@ def told(joints: list[Joint], k: int, turns: bool) -> RobotStatus:
 def doubted(status: RobotStatus, edges: Edges) -> RobotStatus:
     """What is told of a robot, but neither `ok` nor open where a pair may have another solution."""
     cut_off = ["-".join(pair) for pair, found in edges.items() if not found.complete]
-    chosen = ["-".join(pair) for pair, found in edges.items() if found.left_out > 0]
+    chosen = ["-".join(pair) for pair, found in edges.items() if found.chosen]
     for pairs, why in ((cut_off, CUT_OFF), (chosen, CHOSEN)):
         if status.status == "ok" and len(pairs) > 0:
             return replace(status, status="ambiguous", why=why.format(", ".join(pairs)))
@@ -187,7 +187,7 @@ def doubted(status: RobotStatus, edges: Edges) -> RobotStatus:
 
 def contradicts(joint: Joint) -> bool:
     """The pairs that closed cycles disagree by more than their covariances allow."""
-    return not plausible(joint.mismatch, joint.checks)
+    return joint.mismatch > bound(joint.checks)
 
 
 def shares(log_weight: list[float]) -> Floats:

@@ -14,7 +14,7 @@ from clt.filters.inputs import Segments, correlated_variance, correlation_time, 
 from clt.filters.settings import FilterSettings
 from clt.init.pair_hypotheses import Hypotheses, gather
 from clt.init.pair_likelihood import Pair
-from clt.init.pair_outliers import fits, spare, without_wild
+from clt.init.pair_outliers import noise, spare, without_wild
 from clt.init.pair_solutions import explore, fewer
 from clt.init.pair_tracks import Track, dead_reckon, linear_until, standing
 from clt.init.pairs import range_sigma
@@ -29,21 +29,28 @@ def solve_pair(pair: Pair, turns: bool = True) -> Hypotheses:
 
     Without `turns` robot j is static: its heading means nothing and stays 0. Where even the best
     pose leaves residuals beyond their noise, a few ranges without which the rest fits are left out,
-    and nothing is unique: others might do as well. Where that does not help, the noise is believed
+    and nothing is unique where others would do as well. Where that does not help, the noise is
+    believed
     that much larger.
     """
-    solutions = _solve(pair, turns)
-    if fits(solutions.cost, pair.z.size, turns):
-        return solutions
-    rest = without_wild(pair, turns, solutions.cost)
+    few, n = fewer(pair), pair.z.size
+    cells, faked, complete, cost = explore(pair, few, turns, noise(n, turns))
+    if cost <= noise(n, turns):
+        return gather(pair, cells, faked, turns, complete)
+    rest = without_wild(pair, turns, cost)
     if rest is not None:
-        left_out = pair.z.size - rest.z.size
-        return replace(_solve(rest, turns), left_out=left_out, unique=False)
-    return _solve(widened(pair, solutions.cost / max(spare(pair.z.size, turns), 1)), turns)
+        most, sure = rest
+        found = _solve(most, turns)
+        left_out = n - most.z.size
+        return replace(found, left_out=left_out, chosen=not sure, unique=found.unique and sure)
+    found = _solve(pair, turns)
+    if found.cost <= noise(n, turns):
+        return found
+    return _solve(widened(pair, found.cost / max(spare(n, turns), 1)), turns)
 
 
 def _solve(pair: Pair, turns: bool) -> Hypotheses:
-    cells, faked, complete = explore(pair, fewer(pair), turns)
+    cells, faked, complete, _ = explore(pair, fewer(pair), turns, np.inf)
     return gather(pair, cells, faked, turns, complete)
 
 

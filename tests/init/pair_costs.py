@@ -1,9 +1,8 @@
-"""Costs of relative poses by numpy alone, and pairs to try them on."""
+"""Costs of relative poses by numpy alone."""
 
 import numpy as np
 
 from clt.geometry import rotation
-from clt.init.pair_likelihood import Pair
 
 
 def cost_of(pair, theta, phi, d):
@@ -30,26 +29,3 @@ def residuals_and_covariance(pair, theta, phi, d):
     W = np.einsum("ki,klij,lj->kl", u, pair.P_a, u) + np.einsum("ki,klij,lj->kl", v, pair.P_b, v)
     W += np.diag(pair.variance + 0.5 * (across / expected) ** 2)
     return pair.z - expected, W
-
-
-def curvy(rng, n, sigma, drift):
-    """A pair on winding tracks, odometry off by so much (m, RMS) at the end, and its pose."""
-
-    def track():
-        heading = np.cumsum(0.5 * rng.standard_normal(n - 1))
-        steps = 0.6 * np.stack([np.cos(heading), np.sin(heading)], axis=1)
-        return np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
-
-    a, b = track(), track()
-    d, theta, phi = rng.uniform((1.5, -np.pi, -np.pi), (4.0, np.pi, np.pi))
-    pose = np.array([d * np.cos(theta), d * np.sin(theta), phi])
-    z = np.hypot(*(pose[:2] + b @ rotation(phi).T - a).T) + sigma * rng.standard_normal(n)
-    k = np.arange(n)
-    step = drift / np.sqrt(2.0 * n)
-    P = step**2 * np.minimum(k[:, None], k)[:, :, None, None] * np.eye(2)
-    a, b = (
-        p + np.vstack([np.zeros(2), np.cumsum(step * rng.standard_normal((n - 1, 2)), axis=0)])
-        for p in (a, b)
-    )
-    S = P[k, k]
-    return Pair(np.abs(z), np.full(n, sigma**2), a, b, P, P, S, S, np.zeros((n, 2, 2))), pose

@@ -30,22 +30,18 @@ from clt.init.pair_likelihood import AT, COST, FIELDS, PHI, THETA, Pair, descend
 from clt.init.pair_promises import one_minimum
 from clt.init.pair_solutions import FAR, MARGIN, NEAR, WIDTH_P, WIDTH_T, explore, fewer
 from tests.init.pair_costs import cost_of, residuals_and_covariance
+from tests.init.winding import track
 
 
 def drawn(rng, n, drift, scatter):
     """A pair of curvy tracks with correlated errors along and across, and scatter within ranges."""
-
-    def track():
-        heading = np.cumsum(0.5 * rng.standard_normal(n - 1))
-        steps = 0.6 * np.stack([np.cos(heading), np.sin(heading)], axis=1)
-        return np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
 
     def covariance():
         root = drift * rng.standard_normal((n, 2, 2 * n))
         root = np.cumsum(root, axis=0) / np.sqrt(2 * n)
         return np.einsum("kia,lja->klij", root, root)
 
-    a, b = track(), track()
+    a, b = (track(0.5 * rng.standard_normal(n - 1)) for _ in "ab")
     pose = np.array([*rng.uniform(-4.0, 4.0, 2), rng.uniform(-np.pi, np.pi)])
     z = np.hypot(*(pose[:2] + b @ rotation(pose[2]).T - a).T) + 0.2 * rng.standard_normal(n)
     joint = scatter * rng.standard_normal((n, 4, 4))
@@ -198,7 +194,7 @@ def test_no_minimum_that_dense_starts_find_is_outside_the_cells(drift, scatter):
     rng = np.random.default_rng(3)
     for _ in range(4):
         pair = drawn(rng, 9, drift, scatter)
-        cells, faked, complete = explore(pair, fewer(pair), True)
+        cells, faked, complete, _ = explore(pair, fewer(pair), True, np.inf)
         assert complete
         minima = dense_minima(pair)
         most = min(minima[:, COST].min(), cells[:, COST].min()) + MARGIN + faked

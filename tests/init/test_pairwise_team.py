@@ -179,7 +179,7 @@ def test_a_start_with_something_unseen_is_not_open():
     whole = seen("R1", "R2")
     for edge, why in (
         (replace(whole, complete=False), CUT_OFF),
-        (replace(whole, left_out=1), CHOSEN),
+        (replace(whole, chosen=True), CHOSEN),
     ):
         edges = {("R1", "R2"): edge}
         sure = doubted(RobotStatus("ok", None), edges)
