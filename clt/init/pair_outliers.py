@@ -43,11 +43,13 @@ DRAWS = 100
 """Samples of ranges that are drawn ..."""
 SAMPLE = 7
 """... and how many ranges there are in each."""
-SAME = (0.5, 0.3)
-"""Poses that differ by less (m, rad) lead to the same explanation."""
+SAME = (0.3, 0.2)
+"""Poses that differ by less (m, rad) lead to the same explanation ..."""
+CLOSE = (0.15, 0.1)
+"""... and explanations whose poses do are no rivals."""
 TRIMS = 3
 """How often the ranges that fit best are chosen anew."""
-MOST = 24
+MOST = 32
 """Poses from which an explanation is sought."""
 SURE = 0.99
 """Probability from which an explanation counts as the only one."""
@@ -100,7 +102,9 @@ def without_wild(pair: Pair, turns: bool, cost: float) -> tuple[Pair, bool] | No
         return None
     best = max(found, key=lambda one: one.log_evidence)
     rivals = {
-        one.rows.tobytes(): one.log_evidence for one in found if not alike(one.pose, best.pose)
+        one.rows.tobytes(): one.log_evidence
+        for one in found
+        if not alike(one.pose, best.pose, CLOSE)
     }
     against = float(np.exp(np.array(list(rivals.values())) - best.log_evidence).sum())
     return chosen(pair, best.rows), 1.0 / (1.0 + against) >= SURE
@@ -119,7 +123,7 @@ def candidates(pair: Pair, turns: bool) -> list[Floats]:
             worst.append(np.sort(misfits(pair, *polar(pair, pose), work))[kept - 1])
     found: list[Floats] = []
     for k in np.argsort(worst).tolist():
-        if len(found) < MOST and not any(alike(poses[k], other) for other in found):
+        if len(found) < MOST and not any(alike(poses[k], other, SAME) for other in found):
             found.append(poses[k])
     return found
 
@@ -194,7 +198,7 @@ def pose_of(pair: Pair, theta: float, phi: float, d: float) -> Floats:
     return np.array([x, y, math.remainder(phi, math.tau)])
 
 
-def alike(a: Floats, b: Floats) -> bool:
-    """Whether two poses lead to the same explanation."""
+def alike(a: Floats, b: Floats, within: tuple[float, float]) -> bool:
+    """Whether two poses (3,) differ by less (m, rad)."""
     turned = abs(math.remainder(a[2] - b[2], math.tau))
-    return bool(math.hypot(a[0] - b[0], a[1] - b[1]) < SAME[0] and turned < SAME[1])
+    return bool(math.hypot(a[0] - b[0], a[1] - b[1]) < within[0] and turned < within[1])
