@@ -10,6 +10,8 @@ period of 8 steps); curvy (every step turns by a normal angle of 0.5 rad). Odome
 random walk that is off by the given distance (RMS) after 15 steps. The pose told, as `clt init`
 tells it, is right within 1 m and 20 degrees; "could be": how often the best possible answer would
 be, by the posterior itself; "in the set": the truth lies in the 99.7 % region of a hypothesis.
+Further rows have wild ranges, too long by an exponential error of 1 m on average: here
+and there, or all by the same in a row.
 Times are of the processor, for one pair: the median over all runs, the least of three calls each.
 FOLDER gets the paper's Fig. 6, theta and phi against the number of
 ranges.
@@ -29,7 +31,7 @@ from clt.geometry import rotation, wrap
 from clt.init.pair_graph import combine
 from clt.init.pair_hypotheses import Hypotheses
 from clt.init.pair_likelihood import Pair
-from clt.init.pair_team import told
+from clt.init.pair_team import doubted, told
 from clt.init.pairwise import solve_pair
 from clt.init.status import RobotStatus
 from clt.streams import Floats
@@ -43,6 +45,11 @@ QUIET = ((13, 0.2, 0.1), (13, 0.2, 0.0), (9, 0.05, 0.1), (30, 0.1, 0.1))
 """Further cells of curvy tracks: ranges, their sigma, drift."""
 OTHER = ((13, 0.2, 0.3), (13, 0.2, 0.1), (30, 0.1, 0.1))
 """Cells of curvy tracks that start anywhere in the arena, and where the paper's do."""
+WILD = (
+    (30, 0.1, 0.1, 3, False), (30, 0.1, 0.1, 6, False), (20, 0.1, 0.1, 2, False),
+    (13, 0.2, 0.1, 1, False), (20, 0.1, 0.1, 4, True), (30, 0.1, 0.1, 6, True),
+)  # fmt: skip
+"""Cells of curvy tracks with so many wild ranges, in a row or not."""
 Geometry = Callable[[np.random.Generator], Floats]
 PAPER = np.array([0.0, 2.0, np.radians(-14.6)])
 
@@ -112,6 +119,15 @@ def measure(
     return Pair(np.abs(z), np.full(n, sigma**2), *told, P, P, S, S, np.zeros((n, 2, 2)))
 
 
+def spoil(pair: Pair, wild: int, in_a_row: bool, rng: np.random.Generator) -> None:
+    """Make some ranges too long, in place."""
+    if in_a_row:
+        first = rng.integers(0, pair.z.size - wild + 1)
+        pair.z[first : first + wild] += rng.exponential(1.0)
+    else:
+        pair.z[rng.choice(pair.z.size, wild, replace=False)] += rng.exponential(1.0, wild)
+
+
 def score(found: Hypotheses, best: RobotStatus, pose: Floats, seconds: float) -> Score:
     """Against the true pose."""
     assert best.pose is not None
@@ -136,7 +152,14 @@ def timed(pair: Pair) -> tuple[Hypotheses, float]:
 
 
 def cell(
-    motion: str, n: int, sigma: float, drift: float, runs: int, geometry: Geometry = around
+    motion: str,
+    n: int,
+    sigma: float,
+    drift: float,
+    runs: int,
+    geometry: Geometry = around,
+    wild: int = 0,
+    in_a_row: bool = False,
 ) -> str:
     """One line of the table."""
     rng = np.random.default_rng(n)
@@ -144,13 +167,18 @@ def cell(
     for _ in range(runs):
         pose = geometry(rng)
         pair = measure(pose, motion, n, sigma, drift, rng)
+        if wild > 0:
+            spoil(pair, wild, in_a_row, rng)
         found, seconds = timed(pair)
-        _, joints = combine("R1", {("R1", "R2"): found}, frozenset())
-        best = told(joints, 1, turns=True)
+        edges = {("R1", "R2"): found}
+        _, joints = combine("R1", edges, frozenset())
+        best = doubted(told(joints, 1, turns=True), edges)
         scores.append(score(found, best, pose, seconds))
     right, could, covered, unique, count, far, turned, seconds = np.array(scores, np.float64).T
     wrong = int(np.sum((unique == 1.0) & (right == 0.0)))
     where = {arena: " (arena)", paper: " (paper)"}.get(geometry, "")
+    if wild > 0:
+        where += f" ({wild} wild{', in a row' if in_a_row else ''})"
     return (
         f"| {motion}{where} | {n} | {sigma:g} | {drift:g} | {100 * right.mean():.1f} % | "
         f"{100 * could.mean():.1f} % | "
@@ -205,6 +233,9 @@ def main() -> None:
         for other in OTHER:
             rows.append(cell("curvy", *other, options.runs, geometry))
             print(rows[-1], flush=True)
+    for n, sigma, drift, wild, in_a_row in WILD:
+        rows.append(cell("curvy", n, sigma, drift, options.runs, wild=wild, in_a_row=in_a_row))
+        print(rows[-1], flush=True)
     text = "\n".join(
         [f"# Relative initialization, {options.runs} random geometries per row\n", *rows, ""]
     )

@@ -28,6 +28,7 @@ from clt.metrics.associate import as_array, interpolate
 from clt.metrics.evaluate import evaluate
 from clt.metrics.scores import Score
 from clt.pipeline import estimate
+from clt.settings import read_toml
 from clt.streams import Recording
 
 HERE = Path(__file__).parent
@@ -35,11 +36,14 @@ LOGS = {
     "TIERS, 44 s": ("tiers", "tiers_pair_20220907", "tiers_calibration.toml"),
     "VUB exp4, 220 s": ("vub", "vub_tb4_relative/exp4", "vub_calibration.toml"),
 }
+THU = ("thu", "thu_rcl_20190418", "thu_calibration.toml")
 STARTS = {
-    "Tsinghua": ("thu", "thu_rcl_20190418", "thu_calibration.toml"),
-    "VUB exp4": ("vub", "vub_tb4_relative/exp4", "vub_calibration.toml"),
-    "TIERS": ("tiers", "tiers_pair_20220907", "tiers_calibration.toml"),
+    "Tsinghua": (THU, None),
+    "Tsinghua, `--config benchmarks/thu.toml`": (THU, "thu.toml"),
+    "VUB exp4": (LOGS["VUB exp4, 220 s"], None),
+    "TIERS": (LOGS["TIERS, 44 s"], None),
 }
+"""Log and settings of each start."""
 SLOW = 1.0
 """Truth is interpolated over so much, s."""
 FILTERS = ("ekf", "ukf", "pf", "mixture")
@@ -70,12 +74,13 @@ def cell(score: Score) -> str:
     return f"{score.ape.rmse:.3f} / {heading}"
 
 
-def start_row(log: str, recording: Recording) -> str:
+def start_row(log: str, recording: Recording, config: str | None) -> str:
     """What `clt init --method pairwise` says of the first two moving robots, and how far off it is.
 
     The pose is carried by odometry to the first truth of both, where that begins later.
     """
-    settings = FilterSettings()
+    told = {} if config is None else read_toml(HERE / config)
+    settings = FilterSettings.model_validate(told)
     ego, other = (robot.name for robot in recording.team.moving[:2])
     found = from_pairwise(recording, settings, ego)
     status, start = found.robots[other], found.start
@@ -120,7 +125,10 @@ def main() -> None:
         "",
         "| log | pose | status, probability | error | stated sigma of x, y, heading |",
         "|---|---|---|---|---|",
-        *(start_row(log, read(options.data, *where)) for log, where in STARTS.items()),
+        *(
+            start_row(log, read(options.data, *where), config)
+            for log, (where, config) in STARTS.items()
+        ),
     ]
     text = "\n".join(lines) + "\n"
     print(text)
