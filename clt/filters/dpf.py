@@ -61,7 +61,8 @@ def solve_dpf(problem: Problem, settings: FilterSettings) -> Solution:
     return Solution(
         trace.mean, trace.covariance, trace.residual, trace.variance, trace.verdict,
         np.zeros(len(problem.robots), np.int64), team.members[0].belief, trace.share,
-        traffic=traffic(team.net, problem.drivers), apart=out_of_reach(team),
+        dropped=team.members[0].dropped, traffic=traffic(team.net, problem.drivers),
+        apart=out_of_reach(team),
     )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from clt.filters.bank import Bank, Trace, belief_of, make_bank, make_trace
 from clt.filters.compiled import lean
-from clt.filters.dpf_rounds import Path, Rounds, rows, unheard
+from clt.filters.dpf_rounds import Path, Rounds, Silent, rows, unheard
 from clt.filters.inputs import Outputs, RangeTable
 from clt.filters.kalman import projected_variance
 from clt.filters.mixture import ROOM, mixture
@@ -52,6 +52,11 @@ class Gaussians:
         return 8 * K * (1 + N + N * (N + 1) // 2)
 
     @property
+    def dropped(self) -> float:
+        """Probability of what there was no room for."""
+        return float(self.bank.dropped[0])
+
+    @property
     def belief(self) -> Belief:
         """The Gaussians in use."""
         return belief_of(self.bank)
@@ -65,9 +70,22 @@ class Gaussians:
         """This robot with the belief of another."""
         return replace(self, bank=giver.copy().bank)
 
-    def without(self, drivers: Indices, since: int, until: int) -> Gaussians:
-        """This robot, which does not hear some drivers from one time (ns) to another."""
-        return replace(self, problem=unheard(self.problem, drivers, since, until))
+    def without(self, silent: Silent) -> Gaussians:
+        """This robot, which does not hear some others.
+
+        The less is known of where they are heading, the more may their way go anywhere.
+        """
+        space, blocks = self.problem.space, len(self.problem.robots)
+        covariance = self.bank.covariance.copy()
+        anywhere = 0.5 * silent.usual[:, 0] * (1.0 - np.exp(-silent.lost()[1])) * silent.growth()
+        for d, way in zip(silent.drivers.tolist(), anywhere.tolist(), strict=True):
+            for i in range(blocks):
+                for j in range(blocks):
+                    if (space.who[i] == space.who[j] == d) or (space.base[i] == space.base[j] == d):
+                        covariance[:, 3 * i, 3 * j] += way
+                        covariance[:, 3 * i + 1, 3 * j + 1] += way
+        bank = self.bank._replace(covariance=covariance)
+        return replace(self, bank=bank, problem=unheard(self.problem, silent, straight=True))
 
     def path(self) -> Path:
         """The heaviest Gaussian, as it is now."""

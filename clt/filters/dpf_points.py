@@ -17,7 +17,7 @@ import numpy as np
 from clt.filters.bank import Trace
 from clt.filters.compiled import lean
 from clt.filters.dpf_motion import Cloud, Drive, advance_all, cut
-from clt.filters.dpf_rounds import Path, Rounds, unheard
+from clt.filters.dpf_rounds import Path, Rounds, Silent, unheard
 from clt.filters.inputs import Outputs, RangeTable
 from clt.filters.modes import cloud_share, moments
 from clt.filters.prior import Belief, samples
@@ -51,6 +51,11 @@ class Points:
         return int(8 * (self.cloud.x.size + self.cloud.log_weight.size))
 
     @property
+    def dropped(self) -> float:
+        """Probability of what there was no room for: points stand for everything."""
+        return 0.0
+
+    @property
     def belief(self) -> Belief:
         """As points without width."""
         K = self.cloud.log_weight.size
@@ -64,9 +69,9 @@ class Points:
         """This robot with the belief of another."""
         return replace(self, cloud=giver.copy().cloud)
 
-    def without(self, drivers: Indices, since: int, until: int) -> Points:
-        """This robot, which does not hear some drivers from one time (ns) to another."""
-        problem = unheard(self.problem, drivers, since, until)
+    def without(self, silent: Silent) -> Points:
+        """This robot, which does not hear some others."""
+        problem = unheard(self.problem, silent, straight=False)
         return replace(self, problem=problem, drive=cut(problem.segments, problem.start, self.ends))
 
     def path(self) -> Path:

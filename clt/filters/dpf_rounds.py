@@ -14,13 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.filters.compiled import lean
-from clt.filters.inputs import GAP_CORRELATION, RangeTable, Segments
+from clt.filters.inputs import RangeTable, Segments
 from clt.filters.problem import Problem
 from clt.filters.ranging import distance_of
 from clt.filters.space import Space, move, twist
 from clt.streams import Floats, Indices, Stamps
 
 Bools = NDArray[np.bool_]
+
+
+ANYHOW = np.pi**2
+"""Variance of a heading of which nothing is known, and more, rad^2."""
 
 
 class Rounds(NamedTuple):
@@ -68,25 +72,67 @@ def rounds_of(problem: Problem, interval: float) -> Rounds:
     )
 
 
-def unheard(problem: Problem, drivers: Indices, since: int, until: int) -> Problem:
-    """The problem as known to a robot that did not hear some drivers from one time (ns) to another.
+class Silent(NamedTuple):
+    """Drivers that a robot does not hear from one time to another, and what is known of them."""
 
-    Their last twist is held, with an error as large as their twist changes in the long run
-    (`inputs.change`).
+    drivers: Indices
+    since: int
+    until: int
+    """ns."""
+    last: Stamps
+    """When each was heard last, ns, (n,)."""
+    usual: Floats
+    """See `usual`, (n, 3)."""
+
+    def growth(self) -> Floats:
+        """By how much the square of the time since each was heard last grows, s^2, (n,)."""
+        before, after = ((t - self.last) * 1e-9 for t in (self.since, self.until))
+        return np.asarray(after**2 - before**2)
+
+    def lost(self) -> tuple[Floats, Floats]:
+        """Variance of each one's heading at the beginning and at the end, rad^2, (n,)."""
+        before, after = ((t - self.last) * 1e-9 for t in (self.since, self.until))
+        omega = self.usual[:, 2]
+        return np.minimum(omega * before**2, ANYHOW), np.minimum(omega * after**2, ANYHOW)
+
+
+def usual(problem: Problem) -> Floats:
+    """Of each driver: mean square of v, and how much v and omega change in the long run.
+
+    Shape (D, 3), (m/s)^2 and (rad/s)^2: twice their variances, as `inputs.change` has it.
+    """
+    segments, rows_ = problem.segments, []
+    for first, last in zip(segments.first[:-1], segments.first[1:], strict=True):
+        v, omega = segments.v[first:last], segments.omega[first:last]
+        known = last > first
+        rows_.append([np.mean(v**2), 2.0 * np.var(v), 2.0 * np.var(omega)] if known else [0.0] * 3)
+    return np.array(rows_)
+
+
+def unheard(problem: Problem, silent: Silent, *, straight: bool) -> Problem:
+    """The problem as known to a robot that does not hear some drivers.
+
+    Their last twist is held, with an error that stays what it is: its variance at any time is that
+    of long-run changes, so that what it adds grows with the square of the time since. A filter that
+    moves its means `straight` on goes the slower the less is known of the direction.
     """
     segments = problem.segments
+    growth, (before, after) = silent.growth(), silent.lost()
+    slower = np.exp(0.5 * (before - after)) if straight else np.ones(after.size)
+    seconds = max((silent.until - silent.since) * 1e-9, 1e-9)
     v, omega, interval = segments.v.copy(), segments.omega.copy(), segments.interval.copy()
     var_v, var_omega = segments.var_v.copy(), segments.var_omega.copy()
-    for d in drivers:
+    for k, d in enumerate(silent.drivers.tolist()):
         first, last = segments.first[d], segments.first[d + 1]
-        low, high = first + np.searchsorted(segments.end[first:last], [since, until])
+        within = np.searchsorted(segments.end[first:last], [silent.since, silent.until])
+        low, high = first + within
         low = min(low + 1, last)
         own = slice(low, min(high + 1, last))
-        interval[own] = GAP_CORRELATION
-        for twist_, variance in ((v, var_v), (omega, var_omega)):
-            if own.start < own.stop:
-                variance[own] += 2.0 * np.var(twist_[first:last])
-                twist_[own] = twist_[low - 1]
+        interval[own] = growth[k] / seconds
+        if own.start < own.stop:
+            var_v[own] += silent.usual[k, 1]
+            var_omega[own] += (after[k] - before[k]) / growth[k]
+            v[own], omega[own] = slower[k] * v[low - 1], omega[low - 1]
     known = segments._replace(v=v, omega=omega, interval=interval, var_v=var_v, var_omega=var_omega)
     return replace(problem, segments=known)
 

@@ -15,10 +15,10 @@ from clt.filters.bank import Trace, make_trace
 from clt.filters.consensus import Bools, Network, links, network
 from clt.filters.dpf_gaussians import Gaussians, gaussians
 from clt.filters.dpf_points import Points, points
-from clt.filters.dpf_rounds import Path, Rounds, rounds_of
+from clt.filters.dpf_rounds import Path, Rounds, Silent, rounds_of, usual
 from clt.filters.problem import Problem
 from clt.filters.settings import FilterSettings
-from clt.streams import Indices
+from clt.streams import Floats, Indices, Stamps
 
 Member = Points | Gaussians
 SILENCE = 1_000_000_000
@@ -43,6 +43,10 @@ class Team:
     """Robots with the same number hold beliefs that come from one another, (M,)."""
     there: Bools
     """Who is heard in each round, (K, M)."""
+    heard: Stamps
+    """Up to when each (row) knows the odometry of each (column), ns, (M, M)."""
+    usual: Floats
+    """What is known of each driver that is not heard, (M, 3)."""
     links: Bools
     """Who may hear whom, (M, M)."""
     apart: Indices
@@ -66,6 +70,8 @@ def assemble(problem: Problem, settings: FilterSettings) -> Team:
         [member.path() for member in members],
         np.zeros(M, np.int64),
         present(problem, rounds),
+        np.full((M, M), problem.start),
+        usual(problem),
         links(own.graph, problem.drivers),
         np.zeros(M, np.int64),
         network(M, own.loss, own.seed),
@@ -86,6 +92,7 @@ def reunite(team: Team, parts: Sequence[Indices], up: Bools) -> None:
             giver, r = next((i, j) for j in asks for i in knows if up[i, j])
             team.members[r] = adopted(team.members[r], team.members[giver])
             team.paths[r] = team.paths[giver]
+            team.heard[r] = team.heard[giver]
             team.net.hand_over(giver, r, team.members[r].size)
             knows.append(r)
             asks.remove(r)
@@ -107,9 +114,11 @@ def separate(team: Team, parts: Sequence[Indices], since: int, until: int) -> No
     M = len(team.members)
     for r in range(M):
         group = next((group for group in parts if r in group), np.array([r]))
+        team.heard[r, group] = since
         if group.size < M:
             others = np.setdiff1d(np.arange(M), group)
-            team.members[r] = team.members[r].without(others, since, until)
+            silent = Silent(others, since, until, team.heard[r, others], team.usual[others])
+            team.members[r] = team.members[r].without(silent)
 
 
 def hearing(team: Team) -> Bools:

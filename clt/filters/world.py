@@ -148,7 +148,7 @@ def dropped(solution: Solution) -> tuple[str, ...]:
         return ()
     line = (
         f"hypotheses of probability {solution.dropped:.2f} were dropped for want of room: what "
-        "became unique may be wrong; raise mixture.components"
+        "became unique may be wrong; raise mixture.components (dpf: dpf.particles)"
     )
     return (line,)
 

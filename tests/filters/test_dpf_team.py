@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from clt.errors import UsageError
 from clt.filters.dpf import solve_dpf
-from clt.filters.dpf_rounds import unheard
+from clt.filters.dpf_rounds import Silent, unheard, usual
 from clt.filters.settings import FilterSettings, Noise
 from clt.filters.space import View
 from clt.filters.world import Estimator, cut_off, localize
@@ -160,13 +161,51 @@ def test_too_few_shared_particles_are_refused():
 def test_what_is_not_heard_is_held():
     """Only those rows change whose robot and time are meant."""
     problem = problem_of(team(seconds=6.0))
-    deaf = unheard(problem, np.array([1]), 2 * SECOND, 4 * SECOND).segments
+    one, last = np.array([1]), np.array([2 * SECOND])
+    silent = Silent(one, 2 * SECOND, 4 * SECOND, last, usual(problem)[one])
+    deaf = unheard(problem, silent, straight=False).segments
     was = problem.segments
     changed = np.flatnonzero(deaf.var_v != was.var_v)
     own = changed - was.first[1]
     assert own.tolist() == list(range(20, 40))
     assert (deaf.v[changed] == was.v[was.first[1] + 19]).all()
     np.testing.assert_array_equal(deaf.end, was.end)
+    slower = unheard(problem, silent, straight=True).segments
+    assert (np.abs(slower.v[changed]) < np.abs(deaf.v[changed])).all()
+
+
+def test_the_variance_of_what_is_not_heard_grows_with_the_square_of_time():
+    """In one piece or in many; that of a heading until nothing is known of it."""
+    problem = problem_of(team(seconds=20.0))
+    one, heard, known = np.array([1]), np.array([2 * SECOND]), usual(problem)[[1]]
+
+    def added(ends):
+        total = np.zeros(2)
+        for since, until in pairwise(ends):
+            silent = Silent(one, since * SECOND, until * SECOND, heard, known)
+            own, was = unheard(problem, silent, straight=True).segments, problem.segments
+            for k, name in enumerate(("var_v", "var_omega")):
+                more = getattr(own, name) - getattr(was, name)
+                total[k] += np.sum(more * own.interval) * 0.1
+        return total
+
+    far, near = added([2, 6]), added([2, 4])
+    np.testing.assert_allclose(added([2, 3, 4, 5, 6]), far, rtol=1e-9)
+    np.testing.assert_allclose(far[0], known[0, 1] * 4.0**2, rtol=1e-9)
+    np.testing.assert_allclose(near[0], far[0] / 4.0, rtol=1e-9)
+    assert far[1] == pytest.approx(min(known[0, 2] * 4.0**2, np.pi**2))
+
+
+def test_the_covariance_of_robots_out_of_reach_holds_their_errors():
+    squared, claimed = [], []
+    for seed in range(3):
+        recording = team(seed, seconds=30.0)
+        problem = problem_of(recording)
+        told = solve_dpf(problem, settings(reach=0.001))
+        late = problem.outputs.stamp > 8 * SECOND
+        squared.append(np.mean(errors(recording, problem, told.mean)[late] ** 2))
+        claimed.append(np.trace(told.covariance[late][:, :2, :2], axis1=1, axis2=2).mean())
+    assert 0.1 * np.mean(claimed) < np.mean(squared) < 1.2 * np.mean(claimed)
 
 
 def test_what_is_delayed_is_known_later():
