@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+ANY_HEADING = float(np.pi / np.sqrt(3.0))
+"""Standard deviation of a heading of which nothing is known, rad: uniform on the circle."""
 
 
 def wrap(angle: Floats) -> Floats:

@@ -17,6 +17,9 @@ HEADER = """\
 # Initial poses by `clt init --method {method}`, for `clt localize --init FILE` on the same log.
 # x, y, sigma[0], sigma[1] in m, heading, sigma[2] in rad.
 """
+UNSURE = """\
+# {name} is {status}: {why}. One pose stands here; `--init METHOD` would follow all.
+"""
 WIDENED = """\
 # As the filter will see the same ranges again, sigma is {factor:g} times the standard deviation.
 """
@@ -131,16 +134,21 @@ def show(found: Initialization) -> None:
         print(f"{name:<8} {numbers(robot)}  {robot.status}")
         if robot.status != "ok":
             for other in robot.alternatives:
-                print(f"{'  or':<8} {columns(other.mean)}  probability {other.probability:.2f}")
+                print(f"{'  or':<8} {columns(other.mean)}  probability {other.probability:.3f}")
 
 
 def numbers(robot: RobotStatus) -> str:
     """Pose and standard deviations of one robot, in columns."""
     from math import degrees
 
+    from clt.geometry import ANY_HEADING
+
     if robot.pose is None:
         return f"{'-':>9} {'-':>9} {'-':>10}  {'-':<19}"
     s_x, s_y, s_heading = (float(v) for v in robot.pose.covariance.diagonal().clip(0.0) ** 0.5)
+    if s_heading >= ANY_HEADING:
+        x, y = (float(value) for value in robot.pose.mean[:2])
+        return f"{x:9.3f} {y:9.3f} {'-':>10}  {f'{s_x:.3f}, {s_y:.3f}, -':<19}"
     sigma = f"{s_x:.3f}, {s_y:.3f}, {degrees(s_heading):.2f}"
     return f"{columns(robot.pose.mean)}  {sigma:<19}"
 
@@ -154,17 +162,21 @@ def columns(pose: Floats) -> str:
 
 
 def poses_toml(method: str, found: Initialization) -> str:
-    """A TOML of the poses that are certain, as `clt localize --init FILE` reads it."""
+    """A TOML of the poses that a filter may take, as `clt localize --init FILE` reads it."""
     import tomli_w
 
-    tables = {
-        name: {
-            "x": float(pose.mean[0]),
-            "y": float(pose.mean[1]),
-            "heading": float(pose.mean[2]),
-            "sigma": [float(value) for value in pose.covariance.diagonal().clip(0.0) ** 0.5],
-        }
-        for name, pose in found.start.poses.items()
-    }
+    from clt.geometry import ANY_HEADING
+
+    tables: dict[str, dict[str, Any]] = {}
+    for name, pose in found.start.poses.items():
+        x, y, heading = (float(value) for value in pose.mean)
+        sigma = [float(value) for value in pose.covariance.diagonal().clip(0.0) ** 0.5]
+        told = {"heading": heading} if sigma[2] < ANY_HEADING else {}
+        tables[name] = {"x": x, "y": y, **told, "sigma": sigma}
     widened = WIDENED.format(factor=found.again) if found.again != 1.0 else ""
-    return HEADER.format(method=method) + widened + tomli_w.dumps(tables)
+    unsure = "".join(
+        UNSURE.format(name=name, status=robot.status, why=robot.why)
+        for name, robot in found.robots.items()
+        if robot.status != "ok" and name in tables
+    )
+    return HEADER.format(method=method) + widened + unsure + tomli_w.dumps(tables)

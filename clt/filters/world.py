@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from clt.filters import dpf, eskf, filterpy_engine, gaussian, mixture, particles, ukf
 from clt.filters.posterior import Posterior
@@ -18,6 +19,10 @@ from clt.streams import Floats, Innovations, Poses, Recording, Stamps, no_ranges
 
 UNIQUE = 0.999
 """A robot whose leading pose is less probable than this may be elsewhere."""
+BY_CHANCE = 1e-3
+"""Probability of a mean NIS that is not believed to be chance ..."""
+MISFIT = 1.3
+"""... if it is as large as this: smaller ones do no harm."""
 DROPPED = 0.01
 """Probability of hypotheses dropped for want of room that is worth a word."""
 LOST_SHARE = 0.5
@@ -153,6 +158,28 @@ def dropped(solution: Solution) -> tuple[str, ...]:
     return (line,)
 
 
+def misfit(problem: Problem, solution: Solution, *, decided: bool) -> tuple[str, ...]:
+    """A line where ranges scatter more than filter and sensors were told to.
+
+    `decided`: whether evidence of theirs has told several possible poses apart.
+    """
+    used = solution.verdict == eskf.USED
+    if not used.any():
+        return ()
+    nis = float(np.mean(solution.residual[used] ** 2 / solution.variance[used]))
+    table = problem.ranges
+    count = float(np.sum(table.variance[used] / table.weight_variance[used]))
+    most = float(chdtri(count, BY_CHANCE)) / count
+    if nis <= max(most, MISFIT):
+        return ()
+    line = (
+        f"the ranges scatter more than was told: mean NIS {nis:.2f} over {int(used.sum())} ranges, "
+        f"1 expected, {most:.2f} by chance at most; covariances are too small"
+    )
+    unsure = ", and what became unique may be wrong" if decided else ""
+    return (f"{line}{unsure}: see noise.sigma_range, noise.scale, noise.bias and calibration",)
+
+
 def shares(problem: Problem, solution: Solution, block: int) -> tuple[Floats, Stamps]:
     """Probability of a block's leading mode at each of its outputs, and their stamps (ns)."""
     own = problem.outputs.robot == block
@@ -211,6 +238,9 @@ def posterior_of(
 ) -> Posterior:
     """A solution in the terms of the recording."""
     ends = [moments(solution.belief, b) for b in range(len(problem.robots))]
+    unique = became_unique(problem, solution)
+    decided = len(unique) > 0
+    scatter = misfit(problem, solution, decided=decided)
     return Posterior(
         filter_,
         problem.robots,
@@ -219,16 +249,17 @@ def posterior_of(
         np.array([mean for mean, _ in ends]),
         np.array([covariance for _, covariance in ends]),
         (
-            *became_unique(problem, solution),
+            *unique,
             *calibrated(problem, solution.belief),
             *talk(solution),
         ),
-        (*problem.notes, *dropped(solution)),
+        (*problem.notes, *dropped(solution), *(() if decided else scatter)),
         (
             *problem.left_out,
             *found_again(problem, solution),
             *cut_off(problem, solution),
             *ambiguous(problem, solution),
+            *(scatter if decided else ()),
         ),
         lost_robots(problem, solution),
         solution.traffic,

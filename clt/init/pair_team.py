@@ -8,7 +8,7 @@ import numpy as np
 
 from clt.errors import CltError
 from clt.filters.settings import FilterSettings
-from clt.geometry import wrap
+from clt.geometry import ANY_HEADING, wrap
 from clt.init.pair_graph import Edges, Joint, combine
 from clt.init.pair_hypotheses import CERTAIN, sharp
 from clt.init.pair_outliers import bound
@@ -17,12 +17,15 @@ from clt.init.start import Hypothesis, InitialPose, odometry_begin
 from clt.init.status import Alternative, Initialization, RobotStatus, unobservable
 from clt.streams import Floats, Recording
 
-DRIVE = "let both robots drive on in curves, or give its pose in a TOML file (--init FILE)"
 SPANS = (15, 30, 60)
 """Seconds of the log that are looked at; the longer only where the shorter do not suffice.
 
 That of them counts which tells most: odometry drifts, and a longer one may tell less.
 """
+DRIVE = (
+    f"let both robots drive in curves in the first {SPANS[-1]} s, or give its pose in a TOML file "
+    "(--init FILE)"
+)
 MANY = 8
 """A robot with as many alternatives as these is not observable yet."""
 UNKNOWN = 0.8
@@ -108,6 +111,8 @@ def _within(
             "where they are; give poses in a TOML file (--init FILE)"
         )
     names, joints = combine(ego, edges, static)
+    still = [k for k, name in enumerate(names) if name in static]
+    joints = [without_heading(joint, still) for joint in joints]
     probability = shares([joint.log_weight for joint in joints])
     robots = {}
     for robot in team.robots:
@@ -131,6 +136,16 @@ def _within(
     )
     frame = f"{ego}/base_link"
     return Initialization(span[0], False, robots, notes, frame=frame, hypotheses=hypotheses)
+
+
+def without_heading(joint: Joint, robots: list[int]) -> Joint:
+    """A joint hypothesis with nothing known of the headings of some (static) robots."""
+    mean, covariance = joint.mean.copy(), joint.covariance.copy()
+    for k in robots:
+        mean[k, 2] = 0.0
+        covariance[3 * k + 2, :] = covariance[:, 3 * k + 2] = 0.0
+        covariance[3 * k + 2, 3 * k + 2] = ANY_HEADING**2
+    return replace(joint, mean=mean, covariance=covariance)
 
 
 def _poses(joint: Joint) -> list[InitialPose]:
@@ -169,8 +184,8 @@ def told(joints: list[Joint], k: int, turns: bool) -> RobotStatus:
         turn = float(np.sqrt(best.covariance[2, 2]))
         why = f"its pose is known only to {place:.2f} m and {turn:.2f} rad"
     else:
-        why = f"{len(rest) + 1} poses explain the ranges (this one with probability {top:.2f})"
-    if len(rest) >= MANY or hopeless(best.covariance):
+        why = f"{len(rest) + 1} poses explain the ranges (this one with probability {top:.3f})"
+    if len(rest) >= MANY or (turns and hopeless(best.covariance)):
         return RobotStatus("unobservable", best, top, f"{why}: not observable yet; {DRIVE}", rest)
     return RobotStatus("ambiguous", best, top, f"{why}; {DRIVE}", rest, open=True)
 

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from clt.errors import CltError, UsageError
-from clt.geometry import wrap
+from clt.geometry import ANY_HEADING, wrap
 from clt.init.start import InitialPose, Start, fixed_pose, odometry_begin
 from clt.settings import Settings, nearest, parse
 from clt.streams import WORLD, Recording
@@ -27,6 +27,15 @@ class GivenPose(Settings):
     """A moving robot must have one."""
     sigma: tuple[Sigma, Sigma, Sigma] | None = None
     """Standard deviations of x, y (m) and heading (rad); a static robot without is certain."""
+
+
+def still(given: GivenPose, *, seen: bool) -> float:
+    """Standard deviation (rad) of a static robot's heading: none unless a robot has `seen` it."""
+    if not seen:
+        return 0.0
+    if given.heading is None:
+        return ANY_HEADING
+    return 0.0 if given.sigma is None else given.sigma[2]
 
 
 def from_poses(
@@ -64,7 +73,7 @@ def from_poses(
         heading = 0.0 if given.heading is None else float(wrap(np.asarray(given.heading)))
         spread = given.sigma if given.sigma is not None else (0.0, 0.0, 0.0) if static else sigma
         if static:
-            spread = (spread[0], spread[1], 0.0)
+            spread = (spread[0], spread[1], still(given, seen=ego is not None))
         poses[name] = InitialPose(
             np.array([given.x, given.y, heading]),
             np.diag(np.square(np.asarray(spread))),

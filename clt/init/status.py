@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
+from clt.geometry import ANY_HEADING
 from clt.init.start import Hypothesis, InitialPose, Start
 from clt.streams import WORLD, Floats, Team
 
@@ -82,9 +85,18 @@ class Initialization:
 
     def _widened(self, poses: Mapping[str, InitialPose]) -> dict[str, InitialPose]:
         return {
-            name: InitialPose(pose.mean, self.again**2 * pose.covariance)
+            name: InitialPose(pose.mean, widened(pose.covariance, self.again))
             for name, pose in poses.items()
         }
+
+
+def widened(covariance: Floats, factor: float) -> Floats:
+    """A covariance (3, 3) with so many times the standard deviations, no heading beyond any."""
+    scale = np.full(3, factor)
+    sigma = float(np.sqrt(covariance[2, 2]))
+    scale[2] = min(factor, ANY_HEADING / sigma) if sigma > 0.0 else factor
+    wide: Floats = covariance * np.outer(scale, scale)
+    return wide
 
 
 def unobservable(why: str) -> RobotStatus:

@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.errors import CltError
-from clt.geometry import relative_pose
+from clt.geometry import ANY_HEADING, relative_pose
 from clt.metrics.associate import as_array, interpolate
 from clt.metrics.warned import Warned
 from clt.streams import Poses, Team
 
 BODY = "/base_link"
+UNKNOWN = 0.9
+"""Of the standard deviation of any heading at all: from there on a heading is not known."""
 
 
 def is_body(frame: str) -> bool:
@@ -59,13 +61,21 @@ def clean(
         if bad > 0:
             text = f"{name}: {bad} of {len(good)} poses of the {what} are not finite, left out"
             warnings.append(Warned(text, partial=True))
-        track = select(poses, good)
+        track = headed(select(poses, good))
         if track.covariance is not None and not np.all(np.isfinite(track.covariance)):
             warnings.append(Warned(f"{name}: the covariance of the {what} is not finite, not used"))
             track = replace(track, covariance=None)
         if len(track.stamp) > 0:
             kept[name] = track
     return kept, warnings
+
+
+def headed(track: Poses) -> Poses:
+    """A track; without heading where it says itself that nothing is known of that."""
+    P = track.covariance
+    if P is None or len(P) == 0 or not np.all(P[:, 2, 2] > (UNKNOWN * ANY_HEADING) ** 2):
+        return track
+    return replace(track, heading=np.full(len(P), np.nan))
 
 
 def relative(ego: Poses, other: Poses, frame: str, max_gap: float) -> Poses:

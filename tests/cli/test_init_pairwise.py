@@ -1,4 +1,5 @@
 import json
+import tomllib
 
 import pytest
 from typer.testing import CliRunner
@@ -29,6 +30,23 @@ def test_relative_poses_are_told_in_the_frame_of_the_first_robot(log):
     assert robot["heading"] == pytest.approx(-0.255, abs=0.35)
     shares = [robot["probability"], *(one["probability"] for one in robot["alternatives"])]
     assert sum(shares) == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_file_of_poses_says_what_it_does_not_hold(tmp_path):
+    """The other pose of an ambiguous robot; headings of static ones, which nobody knows."""
+    for scenario, seconds in (("freeman", 10), ("shi-three", 20)):
+        words = ("--duration", seconds, "--seed", 3, "-o", tmp_path / scenario, "-q")
+        assert run("simulate", scenario, *words).exit_code == 0
+        words = ("init", tmp_path / scenario, "--method", "pairwise", "-o", tmp_path / "p.toml")
+        done = run(*words, "--force")
+        text = (tmp_path / "p.toml").read_text()
+        tables = tomllib.loads(text)
+        if scenario == "freeman":
+            assert done.exit_code == 3
+            assert "\n# R2 is ambiguous: 2 poses explain the ranges (this one with prob" in text
+        else:
+            assert all("heading" not in tables[name] for name in ("R1", "R2"))
+            assert "          -  " in done.stdout
 
 
 def test_localize_starts_from_pairwise_in_the_frame_that_is_asked_for(log, tmp_path):

@@ -5,7 +5,7 @@ import pytest
 
 from clt.errors import CltError
 from clt.filters.settings import FilterSettings
-from clt.geometry import relative_pose, wrap
+from clt.geometry import ANY_HEADING, relative_pose, wrap
 from clt.init.pair_graph import combine, inverted
 from clt.init.pair_hypotheses import Hypotheses
 from clt.init.pair_team import CHOSEN, CONTRADICT, CUT_OFF, doubted, from_pairwise, how_much
@@ -149,6 +149,19 @@ def test_of_several_spans_that_counts_which_tells_most():
     short = from_pairwise(replace(recording, odometry=odometry), FilterSettings())
     assert found.robots["R2"].status == "ambiguous"
     np.testing.assert_allclose(found.robots["R2"].pose.mean, short.robots["R2"].pose.mean)
+
+
+def test_nothing_is_known_of_the_heading_of_a_static_robot():
+    """Which is no reason not to be sure of its place."""
+    recording = simulate(load_scenario("shi-three", {"duration": 30.0}))
+    found = from_pairwise(replace(recording, truth={}), FilterSettings(), "R3")
+    for name in ("R1", "R2"):
+        robot = found.robots[name]
+        assert robot.status == "ok"
+        for P in (robot.pose.covariance, found.start.poses[name].covariance):
+            assert P[2, 2] == pytest.approx(ANY_HEADING**2)
+            assert not P[2, :2].any()
+        assert found.start.poses[name].covariance[0, 0] > 8.0 * robot.pose.covariance[0, 0]
 
 
 def start(sigma, status="ambiguous", probability=1.0, why=""):

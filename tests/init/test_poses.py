@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from clt.errors import CltError, UsageError
+from clt.geometry import ANY_HEADING
 from clt.init.poses import from_poses
 from tests.init.test_truth import BEGIN, SECOND, SIGMA, recording
 
@@ -50,6 +51,15 @@ def test_static_robots_keep_their_known_position_unless_the_file_tells_another()
 def test_a_static_robot_may_be_uncertain_but_has_no_heading_to_find():
     start = given("[R1]\nx = 0\ny = 0\nheading = 0\n[A2]\nx = 7\ny = 8\nsigma = [0.5, 0.4, 0.3]")
     np.testing.assert_allclose(start.poses["A2"].covariance, np.diag([0.25, 0.16, 0.0]))
+
+
+def test_seen_from_a_robot_a_static_one_has_a_heading_that_may_be_unknown():
+    text = "[R2]\nx = 0\ny = 0\nheading = 0\n[A1]\nx = 5\ny = 6\n[A2]\nx = 7\ny = 8\n{}"
+    for ego in ("", "[R1]\nx = 0\ny = 0\nheading = 0\n"):
+        tables = tomllib.loads(text.format("heading = 1\nsigma = [0.1, 0.2, 0.3]\n" + ego))
+        poses = from_poses(recording(), tables, "poses.toml", SIGMA, "R1").poses
+        assert poses["A1"].covariance[2, 2] == pytest.approx(ANY_HEADING**2)
+        np.testing.assert_allclose(np.diag(poses["A2"].covariance), [0.01, 0.04, 0.09])
 
 
 @pytest.mark.parametrize(

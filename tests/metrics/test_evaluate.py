@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from clt.errors import CltError, UsageError
-from clt.geometry import relative_pose, wrap
+from clt.geometry import ANY_HEADING, relative_pose, wrap
 from clt.metrics.align import Transform
 from clt.metrics.errors import Delta
 from clt.metrics.evaluate import evaluate
@@ -252,6 +252,20 @@ def test_truth_without_heading(synthetic):
     json.dumps(evaluation.as_dict("x"), allow_nan=False)
     with pytest.raises(CltError, match="with heading"):
         evaluate(replace(recording, truth=truth), EvaluateOptions(align="first"))
+
+
+def test_a_heading_of_which_nothing_is_known_is_not_scored(synthetic):
+    recording = synthetic()
+    track = recording.estimate["R1"]
+    P = track.covariance.copy()
+    P[:, 2, 2] = ANY_HEADING**2
+    tracks = {**recording.estimate, "R1": replace(track, covariance=P)}
+    evaluation = evaluate(replace(recording, estimate=tracks))
+    assert "R1: the estimate has no heading" in texts(evaluation)
+    assert evaluation.estimate.scores["R1"].heading is None
+    P[0, 2, 2] = 0.01
+    evaluation = evaluate(replace(recording, estimate=tracks))
+    assert evaluation.estimate.scores["R1"].heading is not None
 
 
 def test_singular_covariances_are_said(synthetic):
