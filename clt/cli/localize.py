@@ -48,8 +48,9 @@ def localize(
     init: Annotated[
         str,
         typer.Option(
-            help="motion: from the log's own ranges and odometry (Shi). truth: from the ground "
-            "truth. A TOML file: one table per robot with x, y, heading and optionally sigma. "
+            help="motion: from the log's own ranges and odometry (Shi). pairwise: relative poses "
+            "from the ranges between pairs that drive (Li). truth: from the ground truth. A TOML "
+            "file: one table per robot with x, y, heading and optionally sigma. "
             "auto: what the log records, else motion, or pairwise in the frame of a robot where "
             "fewer than two robots stand still."
         ),

@@ -64,7 +64,8 @@ def tell(
         print(json.dumps({**head, "timings": timings, "warnings": console.warnings}))
         return
     console.say(
-        f"{log}: {len(last)} robots, {seen.size} ranges, {int((~seen).sum())} rejected, "
+        f"{log}: {counted(len(last), 'robot')}, {counted(seen.size, 'range')}, "
+        f"{int((~seen).sum())} rejected, "
         f"filtered in {timings['filter_s']:.2f} s"
     )
     for name, pose in last.items():
@@ -74,6 +75,11 @@ def tell(
             f"  {name} ends at x {x:.3f} m, y {y:.3f} m, heading {degrees(heading):.1f} deg "
             f"(sigma {s_x:.3f} m, {s_y:.3f} m, {degrees(s_heading):.1f} deg)"
         )
+
+
+def counted(count: int, what: str) -> str:
+    """So many of something."""
+    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def final(poses: Poses) -> dict[str, list[float]]:

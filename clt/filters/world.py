@@ -142,7 +142,8 @@ def ambiguous(problem: Problem, solution: Solution) -> tuple[str, ...]:
         if share.size > 0 and share[-1] < UNIQUE:
             lines.append(
                 f"{name} is ambiguous: its most probable pose at the end has probability "
-                f"{share[-1]:.3f}; longer or more winding driving of both robots would tell"
+                f"{share[-1]:.4f}, and {UNIQUE} is sure; longer or more winding driving of both "
+                "robots would tell"
             )
     return tuple(lines)
 
