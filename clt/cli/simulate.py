@@ -116,6 +116,7 @@ def write(
     """Simulate into a log. Its bytes depend on the scenario and `command` alone: no timings."""
     from clt.cli.run import run_record
     from clt.errors import UsageError
+    from clt.filters.consensus import links
     from clt.log.output import STDOUT
     from clt.log.save import save
     from clt.sim.simulate import simulate as run
@@ -126,6 +127,8 @@ def write(
         raise UsageError("--json and -o - both want standard output; name a file")
     inputs.check(path, force)
     recording = run(scenario)
+    if (told := recording.team.communication) is not None:
+        links(told.graph, recording.team.names, "communication.graph")
     record = run_record(
         inputs.digests({}),
         seed=scenario.seed,

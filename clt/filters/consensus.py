@@ -20,11 +20,11 @@ from clt.streams import Floats, Indices
 Bools = NDArray[np.bool_]
 
 
-def links(graph: str, names: Sequence[str]) -> Bools:
+def links(graph: str, names: Sequence[str], key: str = "dpf.graph") -> Bools:
     """Who may hear whom, shape (M, M), symmetric.
 
     `complete`; `line` and `ring` in the order of the names, R2 before R10; or links as in
-    `R1-R2,R2-R3`. Raises UsageError for robots that are not there.
+    `R1-R2,R2-R3`. Raises UsageError, naming the key, for robots that are not there.
     """
     M = len(names)
     if graph == "complete":
@@ -36,19 +36,19 @@ def links(graph: str, names: Sequence[str]) -> Bools:
         up[order[-1], order[0]] |= graph == "ring" and M > 1
     else:
         for link in graph.split(","):
-            a, b = ends(link, names)
+            a, b = ends(link, names, key)
             up[a, b] = True
     return up | up.T
 
 
-def ends(link: str, names: Sequence[str]) -> tuple[int, int]:
+def ends(link: str, names: Sequence[str], key: str) -> tuple[int, int]:
     """Indices of the two robots of a link `A-B`. Raises UsageError where it is none."""
     parts = tuple(part.strip() for part in link.split("-"))
     if len(parts) != 2 or parts[0] == parts[1]:
-        raise UsageError(f"dpf.graph: `{link}` is not complete, line, ring or links as A-B,B-C")
+        raise UsageError(f"{key}: `{link}` is not complete, line, ring or links as A-B,B-C")
     for name in parts:
         if name not in names:
-            raise UsageError(f"dpf.graph: no robot `{name}` in the team{nearest(name, names)}")
+            raise UsageError(f"{key}: no robot `{name}` in the team{nearest(name, names)}")
     return names.index(parts[0]), names.index(parts[1])
 
 

@@ -170,6 +170,21 @@ def test_a_world_that_begins_where_a_robot_stood_is_no_frame_that_moves_with_it(
     assert told["team"]["estimate"]["ape"]["rmse"] < 0.7
 
 
+@pytest.mark.parametrize(
+    ("graph", "told"),
+    [
+        ("R1-R9", "communication.graph: no robot `R9` in the team, did you mean"),
+        ("lines", "communication.graph: `lines` is not complete, line, ring or links as A-B,B-C"),
+    ],
+)
+def test_a_scenario_with_a_network_that_cannot_be_is_refused(clt, folder, graph, told):
+    words = ("simulate", "li-three", "-o", "net.mcap", "--set", f"communication.graph={graph}")
+    code, out, err = clt(*words)
+    assert (code, out) == (2, "")
+    assert told in err
+    assert not (folder / "net.mcap").exists()
+
+
 def test_the_network_of_a_scenario_is_that_of_the_distributed_filter(clt, folder):
     network = ("graph=line", "rate=2", "loss=0.1", "delay=0.01", "reach=50")
     words = [word for key in network for word in ("--set", f"communication.{key}")]
