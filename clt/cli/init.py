@@ -91,7 +91,7 @@ def init(
         console.say("relative poses need no static robots: clt init --method pairwise")
     if output is not None:
         with inputs.output(output, force) as file:
-            file.write(poses_toml(used, found).encode())
+            file.write(poses_toml(used, found, {robot.name for robot in team.static}).encode())
     if as_json:
         print(json.dumps(document(used, found), allow_nan=False))
     elif output != STDOUT:
@@ -161,8 +161,11 @@ def columns(pose: Floats) -> str:
     return f"{x:9.3f} {y:9.3f} {degrees(heading):6.1f} deg"
 
 
-def poses_toml(method: str, found: Initialization) -> str:
-    """A TOML of the poses that a filter may take, as `clt localize --init FILE` reads it."""
+def poses_toml(method: str, found: Initialization, still: set[str]) -> str:
+    """A TOML of the poses that a filter may take, as `clt localize --init FILE` reads it.
+
+    Robots that stand `still` need no heading.
+    """
     import tomli_w
 
     from clt.geometry import ANY_HEADING
@@ -171,7 +174,7 @@ def poses_toml(method: str, found: Initialization) -> str:
     for name, pose in found.start.poses.items():
         x, y, heading = (float(value) for value in pose.mean)
         sigma = [float(value) for value in pose.covariance.diagonal().clip(0.0) ** 0.5]
-        told = {"heading": heading} if sigma[2] < ANY_HEADING else {}
+        told = {} if name in still and sigma[2] >= ANY_HEADING else {"heading": heading}
         tables[name] = {"x": x, "y": y, **told, "sigma": sigma}
     widened = WIDENED.format(factor=found.again) if found.again != 1.0 else ""
     unsure = "".join(

@@ -4,7 +4,7 @@ Every robot holds the same Q particles of the team's shape: same start, same odo
 numbers (`dpf_motion`). It weighs them by its own ranges; the average of all robots' log-likelihoods
 times their number updates the weights, eq. (24). When the first robot of a group finds its weights
 too uneven, all of the group take the copies that it draws: their particles stay the same ones
-however few iterations leave their weights different.
+however few iterations leave their weights different, as long as all hear the same odometry.
 """
 
 from __future__ import annotations

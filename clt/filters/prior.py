@@ -6,16 +6,19 @@ filter many without width.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from clt.filters.space import relative_blocks, sample_blocks
-from clt.geometry import wrap
+from clt.geometry import ANY_HEADING, wrap
 from clt.init.start import Start
 from clt.streams import Floats
+
+UNKNOWN = 0.98
+"""Of the standard deviation of any heading at all: from there on nothing is known of it."""
 
 
 class Belief(NamedTuple):
@@ -45,6 +48,8 @@ class Prior:
     """Pose in whose frame it stands, or `space.WORLD`."""
     calibration: tuple[tuple[float, float], ...] = ()
     """Standard deviations of scale and bias (rad/s) of each driver's odometry; () if not states."""
+    places: tuple[int, ...] = ()
+    """Poses of robots that stand and of whose heading nothing is known, nor ever will be."""
 
 
 def prior_of(
@@ -53,8 +58,9 @@ def prior_of(
     who: Sequence[int],
     base: Sequence[int],
     calibration: tuple[tuple[float, float], ...] = (),
+    still: Collection[str] = (),
 ) -> Prior:
-    """The prior of the named robots from a start and its hypotheses."""
+    """The prior of the named robots, of which some stand `still`, from a start's hypotheses."""
     sets = [{**start.poses, **hypothesis.poses} for hypothesis in start.hypotheses]
     shares = [hypothesis.probability for hypothesis in start.hypotheses]
     sets, shares = (sets, shares) if len(sets) > 0 else ([dict(start.poses)], [1.0])
@@ -66,8 +72,20 @@ def prior_of(
             covariance[k, own, own] = poses[name].covariance
     mean = np.array([[poses[name].mean for name in names] for poses in sets], np.float64)
     probability = np.array(shares, np.float64)
+    unknown = (UNKNOWN * ANY_HEADING) ** 2
+    places = tuple(
+        i
+        for i, name in enumerate(names)
+        if name in still and np.all(covariance[:, 3 * i + 2, 3 * i + 2] > unknown)
+    )
     return Prior(
-        probability / probability.sum(), mean, covariance, tuple(who), tuple(base), calibration
+        probability / probability.sum(),
+        mean,
+        covariance,
+        tuple(who),
+        tuple(base),
+        calibration,
+        places,
     )
 
 
@@ -88,11 +106,17 @@ def gaussians(prior: Prior) -> Belief:
 
 
 def samples(prior: Prior, count: int, draw: np.random.Generator) -> Floats:
-    """Samples of the state from the prior, shape (count, N): exact, also where it is wide."""
+    """Samples of the state from the prior, shape (count, N): exact, also where it is wide.
+
+    Headings of `places` are not drawn: no range would ever weigh them.
+    """
     which = draw.choice(prior.probability.size, size=count, p=prior.probability)
     n = prior.mean.shape[1]
     unit = draw.standard_normal((count, 3 * n))
-    roots = np.array([square_root(P) for P in prior.covariance])
+    covariance = prior.covariance.copy()
+    for i in prior.places:
+        covariance[:, 3 * i + 2, :] = covariance[:, :, 3 * i + 2] = 0.0
+    roots = np.array([square_root(P) for P in covariance])
     poses = prior.mean[which] + np.einsum("kij,kj->ki", roots[which], unit).reshape(count, n, 3)
     blocks = sample_blocks(poses, prior.who, prior.base)
     errors = np.array(prior.calibration, np.float64).ravel()

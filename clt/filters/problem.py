@@ -175,6 +175,7 @@ def lay_out(
         tuple((noise.scale, noise.bias) if name in odometry else (0.0, 0.0) for name in names)
         if calibrated
         else (),
+        still=[name for name in names if name not in odometry],
     )
     robots = tuple(names[j] for j in cast.who)
     return Problem(

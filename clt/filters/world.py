@@ -14,6 +14,7 @@ from clt.filters.problem import ABSOLUTE, Problem, lay_out
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Filter, Solution
 from clt.filters.space import View
+from clt.geometry import ANY_HEADING
 from clt.init.start import Start
 from clt.streams import Floats, Innovations, Poses, Recording, Stamps, no_ranges
 
@@ -72,6 +73,7 @@ def trajectories(problem: Problem, solution: Solution) -> dict[str, Poses]:
     for i, name in enumerate(problem.robots):
         own = problem.outputs.robot == i
         stamp, mean = problem.outputs.stamp[own], solution.mean[own]
+        covariance = told(problem, i, solution.covariance[own])
         poses[name] = Poses(
             problem.frames[i],
             stamp,
@@ -79,9 +81,20 @@ def trajectories(problem: Problem, solution: Solution) -> dict[str, Poses]:
             mean[:, 0],
             mean[:, 1],
             mean[:, 2],
-            solution.covariance[own],
+            covariance,
         )
     return poses
+
+
+def told(problem: Problem, block: int, covariance: Floats) -> Floats:
+    """Covariances (n, 3, 3) of a block, without what a filter makes of a heading nobody knows."""
+    prior = problem.prior
+    if prior is None or prior.who[block] not in prior.places:
+        return covariance
+    P = covariance.copy()
+    P[:, 2, :] = P[:, :, 2] = 0.0
+    P[:, 2, 2] = ANY_HEADING**2
+    return P
 
 
 def innovations(problem: Problem, solution: Solution, recording: Recording) -> Innovations:
@@ -159,7 +172,7 @@ def dropped(solution: Solution) -> tuple[str, ...]:
     return (line,)
 
 
-def misfit(problem: Problem, solution: Solution, *, decided: bool) -> tuple[str, ...]:
+def misfit(problem: Problem, solution: Solution, filter_: str, *, decided: bool) -> tuple[str, ...]:
     """A line where ranges scatter more than filter and sensors were told to.
 
     `decided`: whether evidence of theirs has told several possible poses apart.
@@ -178,7 +191,8 @@ def misfit(problem: Problem, solution: Solution, *, decided: bool) -> tuple[str,
         f"1 expected, {most:.2f} by chance at most; covariances are too small"
     )
     unsure = ", and what became unique may be wrong" if decided else ""
-    return (f"{line}{unsure}: see noise.sigma_range, noise.scale, noise.bias and calibration",)
+    few = f", or {filter_}.particles, if they are too few" if filter_ in {"pf", "dpf"} else ""
+    return (f"{line}{unsure}: see noise.sigma_range, noise.scale, noise.bias, calibration{few}",)
 
 
 def shares(problem: Problem, solution: Solution, block: int) -> tuple[Floats, Stamps]:
@@ -241,26 +255,26 @@ def posterior_of(
     ends = [moments(solution.belief, b) for b in range(len(problem.robots))]
     unique = became_unique(problem, solution)
     decided = len(unique) > 0
-    scatter = misfit(problem, solution, decided=decided)
+    doubtful = (*dropped(solution), *misfit(problem, solution, filter_, decided=decided))
     return Posterior(
         filter_,
         problem.robots,
         trajectories(problem, solution),
         innovations(problem, solution, recording),
         np.array([mean for mean, _ in ends]),
-        np.array([covariance for _, covariance in ends]),
+        np.array([told(problem, b, P[None])[0] for b, (_, P) in enumerate(ends)]),
         (
             *unique,
             *calibrated(problem, solution.belief),
             *talk(solution),
         ),
-        (*problem.notes, *dropped(solution), *(() if decided else scatter)),
+        (*problem.notes, *(() if decided else doubtful)),
         (
             *problem.left_out,
             *found_again(problem, solution),
             *cut_off(problem, solution),
             *ambiguous(problem, solution),
-            *(scatter if decided else ()),
+            *(doubtful if decided else ()),
         ),
         lost_robots(problem, solution),
         solution.traffic,

@@ -41,6 +41,8 @@ class Joint:
     """Squared disagreement of the pairs along cycles, in units of its variance ..."""
     checks: int = 0
     """... and of how many numbers."""
+    cut: float = 0.0
+    """Probability of the combinations that there was no room for."""
 
 
 def combine(ego: str, edges: Edges, static: frozenset[str]) -> tuple[tuple[str, ...], list[Joint]]:
@@ -94,9 +96,14 @@ def _members(hypotheses: Hypotheses) -> list[Joint]:
 
 def _likely(joints: list[Joint]) -> list[Joint]:
     """The most probable ones, the best first."""
-    joints = sorted(joints, key=lambda joint: -joint.log_weight)[:BEAM]
-    least = joints[0].log_weight + float(np.log(LEAST))
-    return [joint for joint in joints if joint.log_weight >= least]
+    joints = sorted(joints, key=lambda joint: -joint.log_weight)
+    weight = np.exp([joint.log_weight - joints[0].log_weight for joint in joints])
+    lost = float(weight[BEAM:].sum() / weight.sum())
+    return [
+        replace(joint, cut=1.0 - (1.0 - joint.cut) * (1.0 - lost))
+        for joint, w in zip(joints[:BEAM], weight[:BEAM], strict=True)
+        if w >= LEAST
+    ]
 
 
 def inverted(hypotheses: Hypotheses) -> Hypotheses:
@@ -132,7 +139,7 @@ def appended(joint: Joint, i: int, h: Joint) -> Joint:
     )
     weight, support = joint.log_weight + h.log_weight, joint.log_support + h.log_support
     mean = np.vstack([joint.mean, pose])
-    return Joint(weight, support, mean, covariance, joint.mismatch, joint.checks)
+    return Joint(weight, support, mean, covariance, joint.mismatch, joint.checks, joint.cut)
 
 
 def compared(joint: Joint, i: int, j: int, h: Joint, turns: bool) -> Joint:
@@ -161,4 +168,5 @@ def compared(joint: Joint, i: int, j: int, h: Joint, turns: bool) -> Joint:
     squared = float(r @ np.linalg.solve(S, r))
     surprise = squared + float(np.linalg.slogdet(2.0 * np.pi * S)[1])
     weight = joint.log_weight + h.log_weight - 0.5 * surprise
-    return Joint(weight, weight, mean, covariance, joint.mismatch + squared, joint.checks + size)
+    mismatch, checks = joint.mismatch + squared, joint.checks + size
+    return Joint(weight, weight, mean, covariance, mismatch, checks, joint.cut)

@@ -49,6 +49,8 @@ class Hypotheses:
     """Ranges (or blocks of them) that fit to nothing and were not used ..."""
     chosen: bool = False
     """... which others might be as well, for another pose."""
+    widened: bool = False
+    """The ranges scatter more than was told; the noise was believed that much larger."""
 
 
 def gather(

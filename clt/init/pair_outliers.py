@@ -63,7 +63,7 @@ class Explanation:
     pose: Floats
     """Of robot j in the frame of robot i, (3,), m and rad."""
     cost: float
-    log_evidence: float
+    log_likelihood: float
 
 
 def bound(count: int) -> float:
@@ -89,7 +89,8 @@ def noise(n: int, turns: bool) -> float:
 def without_wild(pair: Pair, turns: bool, cost: float) -> tuple[Pair, bool] | None:
     """A pair, whose best pose costs so much, without its wild ranges, and whether that is sure.
 
-    Not sure where other poses explain as much with other ranges. None where some pose explains all,
+    Not sure where other poses explain as much with other ranges (not the same: that is another
+    matter, see `Hypotheses.unique`). None where some pose explains all,
     where one wild range in WILD does not explain it, where they are not OFF, or too few are left to
     tell.
     """
@@ -100,13 +101,13 @@ def without_wild(pair: Pair, turns: bool, cost: float) -> tuple[Pair, bool] | No
     found = [one for one in found if cost - one.cost >= OFF * OFF * (n - one.rows.size)]
     if whole or len(found) == 0:
         return None
-    best = max(found, key=lambda one: one.log_evidence)
+    best = max(found, key=lambda one: one.log_likelihood)
     rivals = {
-        one.rows.tobytes(): one.log_evidence
+        one.rows.tobytes(): one.log_likelihood
         for one in found
-        if not alike(one.pose, best.pose, CLOSE)
+        if not (alike(one.pose, best.pose, CLOSE) or np.array_equal(one.rows, best.rows))
     }
-    against = float(np.exp(np.array(list(rivals.values())) - best.log_evidence).sum())
+    against = float(np.exp(np.array(list(rivals.values())) - best.log_likelihood).sum())
     return chosen(pair, best.rows), 1.0 / (1.0 + against) >= SURE
 
 
@@ -158,9 +159,9 @@ def solved(pair: Pair, rows: Indices, pose: Floats, turns: bool) -> Explanation:
     out = work.out
     descend(some, *polar(some, pose), turns, work.L, work.y, out)
     cost = attained(out)
-    log_evidence = -0.5 * (cost + out[LOG_DET]) + (pair.z.size - kept) * np.log(RARE / SPAN)
-    log_evidence += kept * (np.log(1.0 - RARE) - 0.5 * np.log(2.0 * np.pi))
-    return Explanation(rows, pose_of(some, out[THETA], out[PHI], out[AT]), cost, log_evidence)
+    log_likelihood = -0.5 * (cost + out[LOG_DET]) + (pair.z.size - kept) * np.log(RARE / SPAN)
+    log_likelihood += kept * (np.log(1.0 - RARE) - 0.5 * np.log(2.0 * np.pi))
+    return Explanation(rows, pose_of(some, out[THETA], out[PHI], out[AT]), cost, log_likelihood)
 
 
 @kernel

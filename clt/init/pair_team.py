@@ -35,6 +35,10 @@ WORTH_TELLING = 1e-3
 CUT_OFF = "the search for the relative pose of {} was cut off: there may be others; " + DRIVE
 CHOSEN = "of the ranges of {} some fit to no pose, and which of them is a guess; " + DRIVE
 LEFT_OUT = "{}: {} of the ranges (or averages of them) fit to no pose and were left out"
+TOO_MANY = (
+    "there are too many combinations of the poses of all pairs: some of probability {:.2f} were "
+    "left out; " + DRIVE
+)
 CONTRADICT = "the pairs of the team contradict each other; " + DRIVE
 FINEST = 1e-3
 """Standard deviation (m, rad) beyond which narrower is not better."""
@@ -177,6 +181,8 @@ def told(joints: list[Joint], k: int, turns: bool) -> RobotStatus:
     top = share[mine]
     if contradicts(joints[first]):
         return RobotStatus("ambiguous", best, top, CONTRADICT, rest)
+    if joints[first].cut > 1.0 - CERTAIN:
+        return RobotStatus("ambiguous", best, top, TOO_MANY.format(joints[first].cut), rest)
     if top >= CERTAIN and sharp(best.covariance, turns):
         return RobotStatus("ok", best, top, alternatives=rest)
     if len(rest) == 0:
@@ -197,7 +203,8 @@ def doubted(status: RobotStatus, edges: Edges) -> RobotStatus:
     for pairs, why in ((cut_off, CUT_OFF), (chosen, CHOSEN)):
         if status.status == "ok" and len(pairs) > 0:
             return replace(status, status="ambiguous", why=why.format(", ".join(pairs)))
-    return replace(status, open=status.open and len(cut_off) + len(chosen) == 0)
+    whole = len(cut_off) + len(chosen) == 0 and not any(one.widened for one in edges.values())
+    return replace(status, open=status.open and whole)
 
 
 def contradicts(joint: Joint) -> bool:

@@ -20,6 +20,8 @@ from clt.init.pair_tracks import Track, dead_reckon, linear_until, standing
 from clt.init.pairs import range_sigma
 from clt.streams import Floats, Indices, Recording
 
+FEWEST = 4
+"""Ranges that are looked at even where odometry has lost a heading before."""
 MOST_RANGES = 40
 """More than these are averaged in as many blocks."""
 
@@ -46,7 +48,8 @@ def solve_pair(pair: Pair, turns: bool = True) -> Hypotheses:
     found = _solve(pair, turns)
     if found.cost <= noise(n, turns):
         return found
-    return _solve(widened(pair, found.cost / max(spare(n, turns), 1)), turns)
+    wide = _solve(widened(pair, found.cost / max(spare(n, turns), 1)), turns)
+    return replace(wide, widened=True)
 
 
 def _solve(pair: Pair, turns: bool) -> Hypotheses:
@@ -67,7 +70,7 @@ def cut_pair(
     """Ranges and tracks of two robots over a span (ns); None where they have no range.
 
     The first robot moves; the second may be static. Both directions of ranging count. The span ends
-    early where odometry has lost a heading.
+    early, but not before FEWEST ranges, where odometry has lost a heading.
     """
     team, ranges = recording.team, recording.ranges
     i, j = (team.index(name) for name in names)
@@ -78,7 +81,8 @@ def cut_pair(
         | ((ranges.source == j) & (ranges.target == i))
     )
     stamp = ranges.stamp[rows]
-    rows = rows[(stamp >= span[0]) & (stamp <= end) & np.isfinite(ranges.range[rows])]
+    rows = rows[(stamp >= span[0]) & (stamp <= span[1]) & np.isfinite(ranges.range[rows])]
+    rows = rows[: max(int(np.sum(ranges.stamp[rows] <= end)), FEWEST)]
     if rows.size == 0:
         return None
     stamp = ranges.stamp[rows]

@@ -149,6 +149,8 @@ def test_without_static_robots_a_relative_start_comes_from_the_pairs(clt, folder
     assert "R2 (ambiguous): its pose is known only to 0.17 m and 0.10 rad" in err
     assert "the pose of R2 was unique after" in err
     assert scores(clt, "two-ego.mcap")["team"]["estimate"]["ape"]["rmse"] < 0.7
+    words = ("two.mcap", "-o", "dpf.mcap", "--frame", "ego:R1", "--filter", "dpf", "-q")
+    assert clt("localize", *words)[0] == 0
     words = ("two.mcap", "-o", "one.mcap", "--frame", "ego:R1", "--filter", "ekf", "-q")
     code, _, err = clt("localize", *words)
     assert code == 3  # one Gaussian cannot tell whether it began at the right one
@@ -168,6 +170,38 @@ def test_a_world_that_begins_where_a_robot_stood_is_no_frame_that_moves_with_it(
     assert (told["frame"], told["align"]) == ("R1/start", "se2")
     assert set(told["robots"]) == {"R1", "R2"}
     assert told["team"]["estimate"]["ape"]["rmse"] < 0.7
+
+
+@pytest.mark.parametrize("filter_", ["mixture", "pf"])
+def test_nothing_is_ever_known_of_the_heading_of_a_static_robot(clt, folder, filter_):
+    words = ("simulate", "shi-three", "--duration", "40", "--seed", "3", "-o", "still.mcap")
+    assert clt(*words, "--force", "-q")[0] == 0
+    words = ("--frame", "ego:R3", "--init", "pairwise", "--filter", filter_, "--force")
+    code, _, err = clt("localize", "still.mcap", "-o", "still-out.mcap", *words)
+    assert code == 0 or filter_ == "pf", err  # so few particles may see two places
+    for poses in load(folder / "still-out.mcap").recording.estimate.values():
+        np.testing.assert_allclose(poses.covariance[:, 2, 2], np.pi**2 / 3.0, rtol=1e-9)
+    if filter_ == "mixture":
+        told = scores(clt, "still-out.mcap")
+        assert told["team"]["estimate"]["heading"] is None
+        assert told["team"]["estimate"]["ape"]["rmse"] < 0.3
+
+
+def test_ranges_that_scatter_more_than_was_told_are_told(clt):
+    """A mere warning; but a lack where they have told several poses apart."""
+    assert localize(clt, "fair.mcap")[2].count("scatter") == 0
+    code, _, err = localize(clt, "bold.mcap", "--set", "noise.sigma_range=0.03")
+    assert code == 0
+    assert "the ranges scatter more than was told: mean NIS" in err
+    assert "may be wrong" not in err
+    words = ("simulate", "li-two", "--duration", "45", "--seed", "6", "-o", "scale.mcap", "-q")
+    errors = ("sensors.odometry.scale_sd=0.05", "sensors.odometry.bias_sd=0.02")
+    assert clt(*words, *(word for key in errors for word in ("--set", key)))[0] == 0
+    words = ("scale.mcap", "-o", "scale-out.mcap", "--frame", "ego:R1", "--init", "pairwise")
+    code, _, err = clt("localize", *words)
+    assert code == 3
+    assert "the pose of R2 was unique after" in err
+    assert "covariances are too small, and what became unique may be wrong" in err
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,9 @@ import pytest
 
 from clt.errors import UsageError
 from clt.filters.dpf import solve_dpf
-from clt.filters.dpf_rounds import Silent, unheard, usual
+from clt.filters.dpf_gaussians import gaussians
+from clt.filters.dpf_rounds import Silent, rounds_of, unheard, usual
+from clt.filters.dpf_team import assemble, reunite
 from clt.filters.settings import FilterSettings, Noise
 from clt.filters.space import View
 from clt.filters.world import Estimator, cut_off, localize
@@ -194,6 +196,40 @@ def test_the_variance_of_what_is_not_heard_grows_with_the_square_of_time():
     np.testing.assert_allclose(far[0], known[0, 1] * 4.0**2, rtol=1e-9)
     np.testing.assert_allclose(near[0], far[0] / 4.0, rtol=1e-9)
     assert far[1] == pytest.approx(min(known[0, 2] * 4.0**2, np.pi**2))
+
+
+@pytest.mark.parametrize("base", [False, True])
+def test_where_a_direction_is_lost_the_way_goes_anywhere(base):
+    """A robot whose turning may be anything: the same in x and y, for all that it moves."""
+    problem = problem_of(team(seconds=6.0))
+    rounds = rounds_of(problem, 1.0)
+    one = np.array([0 if base else 1])
+    known = np.array([[0.25, 0.0, 1e3]])
+    silent = Silent(one, 2 * SECOND, 4 * SECOND, np.array([SECOND]), known)
+    member = gaussians(problem, settings(), rounds)
+    more = member.without(silent).bank.covariance[0] - member.bank.covariance[0]
+    way = 0.5 * 0.25 * (3.0**2 - 1.0**2)
+    expected = np.zeros((6, 6))
+    for i, j in ((0, 0), (3, 3), (0, 3), (3, 0)) if base else ((0, 0),):
+        expected[i, j] = expected[i + 1, j + 1] = way
+    np.testing.assert_allclose(more, expected, rtol=1e-3, atol=1e-12)
+
+
+def test_who_takes_over_a_belief_takes_over_since_when_it_lacks_odometry():
+    problem = problem_of(team(seconds=6.0))
+    crew = assemble(problem, settings())
+    crew.heard[:] = np.arange(9).reshape(3, 3)
+    crew.line[:] = [7, 7, 8]
+    everyone = np.arange(3)
+    reunite(crew, [everyone], ~np.eye(3, dtype=np.bool_))
+    assert crew.heard[2].tolist() in ([0, 1, 2], [3, 4, 5])
+    assert crew.heard[0].tolist() == [0, 1, 2]
+
+
+def test_what_there_was_no_room_for_is_told():
+    problem = problem_of(team(seconds=10.0))
+    assert solve_dpf(problem, settings()).dropped < 0.01
+    assert solve_dpf(problem, settings(reach=0.001, particles=5)).dropped > 0.1
 
 
 def test_the_covariance_of_robots_out_of_reach_holds_their_errors():

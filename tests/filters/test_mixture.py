@@ -236,7 +236,7 @@ def test_tells_what_it_had_no_room_for():
     few = solve_mixture(problem, crowded)
     assert 0.05 < few.dropped < 1.0
     found = localize(recording, pair_start(recording, (1.0, 1.0, 0.5)), crowded, NARRATOR)
-    assert any(f"probability {few.dropped:.2f} were dropped" in line for line in found.warnings)
+    assert any(f"probability {few.dropped:.2f} were dropped" in line for line in found.left_out)
     early, late = cut(problem, 2_000_000_000)
     first = solve_mixture(early, crowded)
     kept = {"prior": None, "belief": first.belief, "memory": first.memory}

@@ -49,6 +49,7 @@ def test_ranges_that_all_fit_badly_are_not_left_out():
     pair = measured(a, b, np.array([2.0, 1.0, 0.5]), 0.5, 0.0, rng)
     found = solve_pair(pair._replace(variance=np.full(20, 0.05**2)))
     assert found.left_out == 0
+    assert found.widened
     assert not found.unique
 
 
@@ -67,6 +68,18 @@ def test_where_others_may_be_the_wild_ones_nothing_is_unique():
     assert found.left_out == 1
     assert found.chosen
     assert not found.unique
+
+
+def test_a_mirror_image_is_no_rival_of_which_ranges_are_wild():
+    """All of a straight drive but one range fit to two poses: which one is wild is sure."""
+    a = np.stack([np.linspace(0.0, 4.0, 12), np.zeros(12)], axis=1)
+    z = np.hypot(*(np.array([2.0, 2.0]) - a).T)
+    z[4] += 3.0
+    found = solve_pair(still(z, [0.05] * 12, a), turns=False)
+    assert found.left_out == 1
+    assert not found.chosen
+    assert not found.unique
+    np.testing.assert_allclose(found.probability[:2], 0.5, atol=0.02)
 
 
 def test_misfits_are_residuals_in_units_of_their_deviation():

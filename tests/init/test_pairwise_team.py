@@ -8,8 +8,17 @@ from clt.filters.settings import FilterSettings
 from clt.geometry import ANY_HEADING, relative_pose, wrap
 from clt.init.pair_graph import combine, inverted
 from clt.init.pair_hypotheses import Hypotheses
-from clt.init.pair_team import CHOSEN, CONTRADICT, CUT_OFF, doubted, from_pairwise, how_much
-from clt.init.start import InitialPose
+from clt.init.pair_team import (
+    CHOSEN,
+    CONTRADICT,
+    CUT_OFF,
+    doubted,
+    from_pairwise,
+    how_much,
+    told,
+)
+from clt.init.pairwise import cut_pair
+from clt.init.start import InitialPose, odometry_begin
 from clt.init.status import Initialization, RobotStatus, unobservable
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
@@ -164,6 +173,33 @@ def test_nothing_is_known_of_the_heading_of_a_static_robot():
         assert found.start.poses[name].covariance[0, 0] > 8.0 * robot.pose.covariance[0, 0]
 
 
+def test_combinations_without_room_are_told():
+    """Five robots with four poses each: more than the 64 that are followed."""
+    others = [np.array([2.0, 1.0, k]) for k in (1.5, 2.5, 3.0)]
+    edges = {("R1", f"N{k}"): replace(seen("R1", "R2", *others)) for k in range(5)}
+    names, joints = combine("R1", edges, frozenset())
+    assert joints[0].cut > 0.9
+    robot = told(joints, names.index("N3"), turns=True)
+    assert (robot.status, robot.open) == ("ambiguous", False)
+    assert "too many combinations" in robot.why
+    assert combine("R1", {("R1", "N1"): seen("R1", "R2", *others)}, frozenset())[1][0].cut == 0.0
+
+
+def test_a_track_without_heading_ends_but_some_ranges_are_looked_at():
+    keys = {"duration": 30.0, "sensors.range.rate": 1.0}
+    noise = {"sigma_v": 0.05}
+    recording = simulate(load_scenario("li-two", keys))
+    sizes = []
+    for sigma in (0.02, 0.3, 3.0):
+        settings = FilterSettings.model_validate({"noise": noise | {"sigma_omega": sigma}})
+        begin = odometry_begin(recording, "R1")
+        span = (begin, begin + 30_500_000_000)
+        sizes.append(cut_pair(recording, ("R1", "R2"), span, settings).z.size)
+    assert sizes[0] == 30
+    assert 4 < sizes[1] < 20
+    assert sizes[2] == 4
+
+
 def start(sigma, status="ambiguous", probability=1.0, why=""):
     pose = InitialPose(np.zeros(3), sigma**2 * np.eye(3))
     robot = RobotStatus(status, pose, probability, why)
@@ -200,4 +236,6 @@ def test_a_start_with_something_unseen_is_not_open():
         assert sure.why == why.format("R1-R2")
         assert not doubted(RobotStatus("ambiguous", None, open=True), edges).open
     assert doubted(RobotStatus("ambiguous", None, open=True), {("R1", "R2"): whole}).open
+    wide = {("R1", "R2"): replace(whole, widened=True)}
+    assert not doubted(RobotStatus("ambiguous", None, open=True), wide).open
     assert doubted(RobotStatus("ok", None), {("R1", "R2"): whole}).status == "ok"
