@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from distributed import EGO, STARTS, VIEW, squares
 from relative import relative_start
+from report import publish
 
 from clt.errors import UsageError
 from clt.filters import world
@@ -85,10 +86,7 @@ def main() -> None:
         "|---|---|---|---|---|",
         *(row(scene, options.seeds, options.particles) for scene in ("circling", "wandering")),
     ]
-    text = "\n".join(lines) + "\n"
-    print(text)
-    if options.out is not None:
-        options.out.write_text(text)
+    publish(lines, options.out)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from time import process_time
 
 import numpy as np
 from relative import RelativeScore, bound, relative_start, score_bound, score_estimate
+from report import publish
 
 from clt.filters import world
 from clt.filters.settings import FilterSettings
@@ -107,10 +108,7 @@ def main() -> None:
         print(lines[-1], flush=True)
     cells = [f"{spent[name] / spent['EKF']:.1f} x" for name in ESTIMATORS]
     lines.append(f"| CPU time of a run, whole call | {' | '.join(cells)} | |")
-    text = "\n".join(lines) + "\n"
-    print(text)
-    if options.out is not None:
-        options.out.write_text(text)
+    publish(lines, options.out)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from math import degrees
 from pathlib import Path
 
 import numpy as np
+from report import publish
 
 from clt.calibration import apply, read_calibration
 from clt.filters.settings import FilterSettings
@@ -130,10 +131,7 @@ def main() -> None:
             for log, (where, config) in STARTS.items()
         ),
     ]
-    text = "\n".join(lines) + "\n"
-    print(text)
-    if options.out is not None:
-        options.out.write_text(text)
+    publish(lines, options.out)
 
 
 if __name__ == "__main__":

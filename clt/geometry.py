@@ -13,6 +13,11 @@ ANY_HEADING = float(np.pi / np.sqrt(3.0))
 """Standard deviation of a heading of which nothing is known, rad: uniform on the circle."""
 
 
+def unknown_heading(variance: Floats) -> NDArray[np.bool_]:
+    """Whether nothing is known of headings with such variances (rad^2), any shape."""
+    return np.asarray(variance > (0.95 * ANY_HEADING) ** 2)
+
+
 def wrap(angle: Floats) -> Floats:
     """Angle(s) in rad, any shape, brought into (-pi, pi]."""
     turned = np.pi - np.mod(np.pi - np.asarray(angle, dtype=np.float64), 2.0 * np.pi)

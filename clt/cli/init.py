@@ -18,7 +18,7 @@ HEADER = """\
 # x, y, sigma[0], sigma[1] in m, heading, sigma[2] in rad.
 """
 UNSURE = """\
-# {name} is {status}: {why}. One pose stands here; `--init METHOD` would follow all.
+# {name} is {status}: {why}. One pose stands here; `--init {method}` would follow all.
 """
 WIDENED = """\
 # As the filter will see the same ranges again, sigma is {factor:g} times the standard deviation.
@@ -141,12 +141,12 @@ def numbers(robot: RobotStatus) -> str:
     """Pose and standard deviations of one robot, in columns."""
     from math import degrees
 
-    from clt.geometry import ANY_HEADING
+    from clt.geometry import unknown_heading
 
     if robot.pose is None:
         return f"{'-':>9} {'-':>9} {'-':>10}  {'-':<19}"
     s_x, s_y, s_heading = (float(v) for v in robot.pose.covariance.diagonal().clip(0.0) ** 0.5)
-    if s_heading >= ANY_HEADING:
+    if unknown_heading(robot.pose.covariance[2, 2]):
         x, y = (float(value) for value in robot.pose.mean[:2])
         return f"{x:9.3f} {y:9.3f} {'-':>10}  {f'{s_x:.3f}, {s_y:.3f}, -':<19}"
     sigma = f"{s_x:.3f}, {s_y:.3f}, {degrees(s_heading):.2f}"
@@ -168,17 +168,18 @@ def poses_toml(method: str, found: Initialization, still: set[str]) -> str:
     """
     import tomli_w
 
-    from clt.geometry import ANY_HEADING
+    from clt.geometry import unknown_heading
 
     tables: dict[str, dict[str, Any]] = {}
     for name, pose in found.start.poses.items():
         x, y, heading = (float(value) for value in pose.mean)
         sigma = [float(value) for value in pose.covariance.diagonal().clip(0.0) ** 0.5]
-        told = {} if name in still and sigma[2] >= ANY_HEADING else {"heading": heading}
+        unknown = name in still and unknown_heading(pose.covariance[2, 2])
+        told = {} if unknown else {"heading": heading}
         tables[name] = {"x": x, "y": y, **told, "sigma": sigma}
     widened = WIDENED.format(factor=found.again) if found.again != 1.0 else ""
     unsure = "".join(
-        UNSURE.format(name=name, status=robot.status, why=robot.why)
+        UNSURE.format(name=name, status=robot.status, why=robot.why, method=method)
         for name, robot in found.robots.items()
         if robot.status != "ok" and name in tables
     )

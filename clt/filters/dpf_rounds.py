@@ -84,16 +84,21 @@ class Silent(NamedTuple):
     usual: Floats
     """See `usual`, (n, 3)."""
 
+    def squares(self) -> tuple[Floats, Floats]:
+        """Time since each was heard last, squared, at the beginning and at the end, s^2, (n,)."""
+        before = np.square(1e-9 * (self.since - self.last))
+        after = np.square(1e-9 * (self.until - self.last))
+        return before, after
+
     def growth(self) -> Floats:
-        """By how much the square of the time since each was heard last grows, s^2, (n,)."""
-        before, after = ((t - self.last) * 1e-9 for t in (self.since, self.until))
-        return np.asarray(after**2 - before**2)
+        """By how much that grows, s^2, (n,)."""
+        before, after = self.squares()
+        return after - before
 
     def lost(self) -> tuple[Floats, Floats]:
         """Variance of each one's heading at the beginning and at the end, rad^2, (n,)."""
-        before, after = ((t - self.last) * 1e-9 for t in (self.since, self.until))
-        omega = self.usual[:, 2]
-        return np.minimum(omega * before**2, ANYHOW), np.minimum(omega * after**2, ANYHOW)
+        before, after = (np.minimum(self.usual[:, 2] * t, ANYHOW) for t in self.squares())
+        return before, after
 
 
 def usual(problem: Problem) -> Floats:

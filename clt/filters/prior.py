@@ -13,12 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.filters.space import relative_blocks, sample_blocks
-from clt.geometry import ANY_HEADING, wrap
+from clt.geometry import unknown_heading, wrap
 from clt.init.start import Start
 from clt.streams import Floats
-
-UNKNOWN = 0.98
-"""Of the standard deviation of any heading at all: from there on nothing is known of it."""
 
 
 class Belief(NamedTuple):
@@ -72,11 +69,10 @@ def prior_of(
             covariance[k, own, own] = poses[name].covariance
     mean = np.array([[poses[name].mean for name in names] for poses in sets], np.float64)
     probability = np.array(shares, np.float64)
-    unknown = (UNKNOWN * ANY_HEADING) ** 2
     places = tuple(
         i
         for i, name in enumerate(names)
-        if name in still and np.all(covariance[:, 3 * i + 2, 3 * i + 2] > unknown)
+        if name in still and np.all(unknown_heading(covariance[:, 3 * i + 2, 3 * i + 2]))
     )
     return Prior(
         probability / probability.sum(),

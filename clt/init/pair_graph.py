@@ -139,7 +139,7 @@ def appended(joint: Joint, i: int, h: Joint) -> Joint:
     )
     weight, support = joint.log_weight + h.log_weight, joint.log_support + h.log_support
     mean = np.vstack([joint.mean, pose])
-    return Joint(weight, support, mean, covariance, joint.mismatch, joint.checks, joint.cut)
+    return replace(joint, log_weight=weight, log_support=support, mean=mean, covariance=covariance)
 
 
 def compared(joint: Joint, i: int, j: int, h: Joint, turns: bool) -> Joint:
@@ -168,5 +168,12 @@ def compared(joint: Joint, i: int, j: int, h: Joint, turns: bool) -> Joint:
     squared = float(r @ np.linalg.solve(S, r))
     surprise = squared + float(np.linalg.slogdet(2.0 * np.pi * S)[1])
     weight = joint.log_weight + h.log_weight - 0.5 * surprise
-    mismatch, checks = joint.mismatch + squared, joint.checks + size
-    return Joint(weight, weight, mean, covariance, mismatch, checks, joint.cut)
+    return replace(
+        joint,
+        log_weight=weight,
+        log_support=weight,
+        mean=mean,
+        covariance=covariance,
+        mismatch=joint.mismatch + squared,
+        checks=joint.checks + size,
+    )

@@ -63,7 +63,9 @@ class Explanation:
     pose: Floats
     """Of robot j in the frame of robot i, (3,), m and rad."""
     cost: float
+    """Squared residuals of these ranges in units of their variance."""
     log_likelihood: float
+    """Of all ranges, see `solved`."""
 
 
 def bound(count: int) -> float:
@@ -89,10 +91,9 @@ def noise(n: int, turns: bool) -> float:
 def without_wild(pair: Pair, turns: bool, cost: float) -> tuple[Pair, bool] | None:
     """A pair, whose best pose costs so much, without its wild ranges, and whether that is sure.
 
-    Not sure where other poses explain as much with other ranges (not the same: that is another
-    matter, see `Hypotheses.unique`). None where some pose explains all,
-    where one wild range in WILD does not explain it, where they are not OFF, or too few are left to
-    tell.
+    Not sure where other poses explain as much with other ranges; those that do with the same ones
+    are another matter, see `Hypotheses.unique`. None where some pose explains all, where one wild
+    range in WILD does not explain it, where they are not OFF, or too few are left to tell.
     """
     n = pair.z.size
     sought = [explained(pair, pose, turns) for pose in candidates(pair, turns)]

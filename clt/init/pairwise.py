@@ -32,12 +32,12 @@ def solve_pair(pair: Pair, turns: bool = True) -> Hypotheses:
     Without `turns` robot j is static: its heading means nothing and stays 0. Where even the best
     pose leaves residuals beyond their noise, a few ranges without which the rest fits are left out,
     and nothing is unique where others would do as well. Where that does not help, the noise is
-    believed
-    that much larger.
+    believed that much larger.
     """
-    few, n = fewer(pair), pair.z.size
-    cells, faked, complete, cost = explore(pair, few, turns, noise(n, turns))
-    if cost <= noise(n, turns):
+    n = pair.z.size
+    enough = noise(n, turns)
+    cells, faked, complete, cost = explore(pair, fewer(pair), turns, enough)
+    if cost <= enough:
         return gather(pair, cells, faked, turns, complete)
     rest = without_wild(pair, turns, cost)
     if rest is not None:
@@ -46,7 +46,7 @@ def solve_pair(pair: Pair, turns: bool = True) -> Hypotheses:
         left_out = n - most.z.size
         return replace(found, left_out=left_out, chosen=not sure, unique=found.unique and sure)
     found = _solve(pair, turns)
-    if found.cost <= noise(n, turns):
+    if found.cost <= enough:
         return found
     wide = _solve(widened(pair, found.cost / max(spare(n, turns), 1)), turns)
     return replace(wide, widened=True)

@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.errors import CltError
-from clt.geometry import ANY_HEADING, relative_pose
+from clt.geometry import relative_pose, unknown_heading
 from clt.metrics.associate import as_array, interpolate
 from clt.metrics.warned import Warned
 from clt.streams import Poses, Team
 
 BODY = "/base_link"
-UNKNOWN = 0.9
-"""Of the standard deviation of any heading at all: from there on a heading is not known."""
 
 
 def is_body(frame: str) -> bool:
@@ -73,7 +71,7 @@ def clean(
 def headed(track: Poses) -> Poses:
     """A track; without heading where it says itself that nothing is known of that."""
     P = track.covariance
-    if P is None or len(P) == 0 or not np.all(P[:, 2, 2] > (UNKNOWN * ANY_HEADING) ** 2):
+    if P is None or len(P) == 0 or not np.all(unknown_heading(P[:, 2, 2])):
         return track
     return replace(track, heading=np.full(len(P), np.nan))
 
