@@ -165,16 +165,14 @@ def lay_out(
         if end - int(stream.stamp[-1]) > EARLY_END:
             seconds = (end - int(stream.stamp[-1])) * 1e-9
             left_out.append(f"the odometry of {name} ends {seconds:.1f} s before that of others")
-    noise = settings.noise
-    calibrated = noise.scale > 0.0 or noise.bias > 0.0
+    sigmas = settings.noise.lasting
+    calibrated = [d for d, name in enumerate(names) if name in odometry and any(sigmas)]
     prior = prior_of(
         start,
         names,
         cast.who,
         cast.base,
-        tuple((noise.scale, noise.bias) if name in odometry else (0.0, 0.0) for name in names)
-        if calibrated
-        else (),
+        sigmas * len(calibrated),
         still=[name for name in names if name not in odometry],
     )
     robots = tuple(names[j] for j in cast.who)
@@ -182,7 +180,7 @@ def lay_out(
         robots,
         tuple(world_of(start) if i == WORLD else f"{names[i]}{BODY}" for i in cast.base),
         names,
-        make_space(cast.who, cast.base, calibrated=calibrated),
+        make_space(cast.who, cast.base, calibrated),
         prior,
         gaussians(prior),
         np.array([team.robots[team.index(name)].antenna for name in robots], dtype=np.float64),
