@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from clt.filters import dpf, eskf, filterpy_engine, gaussian, mixture, particles, ukf
+from clt.filters.inputs import RangeTable
 from clt.filters.posterior import Posterior
 from clt.filters.prior import Belief, moments, spread
 from clt.filters.problem import ABSOLUTE, Problem, lay_out
@@ -16,7 +17,7 @@ from clt.filters.solution import Filter, Solution
 from clt.filters.space import ERRORS, View
 from clt.geometry import ANY_HEADING
 from clt.init.start import Start
-from clt.streams import Floats, Innovations, Poses, Recording, Stamps, no_ranges
+from clt.streams import Floats, Innovations, Poses, Recording, Stamps
 
 UNIQUE = 0.999
 """A robot whose leading pose is less probable than this may be elsewhere."""
@@ -286,5 +287,7 @@ def dead_reckon(
     recording: Recording, start: Start, settings: FilterSettings, view: View = ABSOLUTE
 ) -> dict[str, Poses]:
     """Odometry alone from the same start: the baseline of every report."""
-    problem = lay_out(replace(recording, ranges=no_ranges()), start, settings, view)
+    problem = lay_out(recording, start, settings, view)
+    none = RangeTable._make(column[:0] for column in problem.ranges)
+    problem = replace(problem, ranges=none)
     return trajectories(problem, gaussian.solve_ekf(problem, settings))
