@@ -231,3 +231,14 @@ class Recording:
     attachments: tuple[Attachment, ...] = ()
     faults: tuple[Fault, ...] = ()
     frames: Frames = field(default_factory=no_frames)
+
+    @property
+    def idle(self) -> tuple[str, ...]:
+        """Static robots that no range touches and that have no odometry: nothing tells of them."""
+        touched = np.zeros(len(self.team.robots), np.bool_)
+        touched[self.ranges.source] = touched[self.ranges.target] = True
+        return tuple(
+            robot.name
+            for robot, busy in zip(self.team.robots, touched.tolist(), strict=True)
+            if robot.static and not busy and robot.name not in self.odometry
+        )

@@ -127,7 +127,8 @@ def advance(state: State, d: int, until: int, segments: Segments, space: Space, 
     """Bring driver d to the time `until` (ns) through its twist segments."""
     x, P, time, cursor, _, shift, F, G = state
     first = space.first[d]
-    alone = space.first[d + 1] - first == 1 and space.forward[first] == 1 and space.calibration < 0
+    alone = space.first[d + 1] - first == 1 and space.forward[first] == 1
+    alone = alone and space.calibration[d] < 0
     while time[d] < until:
         k = cursor[d]
         if k >= segments.first[d + 1]:

@@ -75,7 +75,7 @@ def process_form(problem: Problem, settings: FilterSettings) -> int:
 
     Raises UsageError where the paper's is asked of blocks that are not in the world.
     """
-    elsewhere = np.any(problem.space.base != WORLD) or problem.space.calibration >= 0
+    elsewhere = np.any(problem.space.base != WORLD) or np.any(problem.space.calibration >= 0)
     if settings.process == "shi" and elsewhere:
         raise UsageError(
             "process=shi is Shi's noise of absolute poses: use --frame world without "

@@ -56,11 +56,17 @@ class State(NamedTuple):
 
 
 @inlined
+def plain(space: Space, x: Floats) -> bool:
+    """Whether a state holds poses alone, and no errors of odometry that move several of them."""
+    return x.size == 3 * space.who.size
+
+
+@inlined
 def move_points(points: Points, space: Space, d: int, v: float, omega: float, dt: float) -> None:
     """Driver d moves its blocks of all pairs of sigma points that differ from the mean there."""
     for j in range(space.first[d], space.first[d + 1]):
         i, forward = space.block[j], space.forward[j]
-        pairs = 3 * i + 3 if space.calibration < 0 else points.m.size
+        pairs = 3 * i + 3 if plain(space, points.m) else points.m.size
         for k in range(pairs):
             for side in (points.plus[k], points.minus[k]):
                 v_k, omega_k = twist(side, space, d, v, omega)
@@ -95,7 +101,7 @@ def step(
 ) -> None:
     """All drivers move for dt seconds with the twists of their segments: x and P, in place."""
     x, P, cursor = state.x, state.P, state.cursor
-    blocks = space.calibration < 0
+    blocks = plain(space, x)
     draw(x, P, points)
     for d in range(cursor.size):
         k = cursor[d]

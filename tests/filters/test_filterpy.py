@@ -15,7 +15,7 @@ from clt.init.truth import from_truth
 from tests.filters.teams import team_recording
 
 SURE = {"initial": {"sigma": (0.1, 0.1, 0.1)}}
-CALIBRATED = {"noise": {"scale": 0.02, "bias": 0.01}, **SURE}
+CALIBRATED = {"noise": {"scale": 0.02, "scale_omega": 0.03, "bias": 0.01}, **SURE}
 
 
 def both(name, recording, options, frame, anchors=0.1):
