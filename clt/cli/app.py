@@ -7,16 +7,15 @@ imports only typer; it imports what it needs when it runs.
 from __future__ import annotations
 
 import functools
-import signal
 import sys
+import warnings
 from collections.abc import Callable
-from types import FrameType
 from typing import Annotated
 
 import typer
 
 from clt import __version__
-from clt.cli.console import FAILED, INTERRUPTED, TERMINATED
+from clt.cli.console import FAILED, INTERRUPTED
 from clt.cli.environment import check_environment
 from clt.cli.lazy import Row, lazy_group
 from clt.cli.stdio import prepare
@@ -125,15 +124,11 @@ def root(
     """Where is every robot of a team, from ranges and wheel odometry alone."""
 
 
-def terminate(_signal: int, _frame: FrameType | None) -> None:
-    """Leave as Ctrl-C does, through every `finally`, so that no temporary file stays behind."""
-    raise SystemExit(TERMINATED)
-
-
 def main() -> None:
-    """Entry point of the `clt` program."""
-    signal.signal(signal.SIGTERM, terminate)
+    """Run the program; `clt.cli.entry` handles signals before it imports this."""
     prepare()
+    if len(sys.warnoptions) == 0:
+        warnings.simplefilter("ignore")
     try:
         app()
     except OSError as error:  # of `clt --help` on a full disk

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from clt.errors import CltError, UsageError
+from clt.log.unfinished import unfinished
 
 STDOUT = Path("-")
 
@@ -39,7 +39,7 @@ def output(path: Path, force: bool = False, inputs: Sequence[Path] = ()) -> Iter
         with (
             output_path(path, force, inputs) as temporary,
             _written(path, temporary),
-            temporary.open("xb") as file,
+            temporary.open("wb") as file,
         ):
             yield file
             file.flush()
@@ -53,14 +53,10 @@ def output_path(path: Path, force: bool = False, inputs: Sequence[Path] = ()) ->
     For writers that want a name; the suffix is kept. Raises CltError as `output` does.
     """
     check(path, force, inputs)
-    path = path.resolve()
-    temporary = path.with_name(f".{path.stem[:100]}.{secrets.token_hex(4)}{path.suffix}")
-    try:
+    with unfinished(path) as temporary:
         yield temporary
         with _written(path, temporary):
-            temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+            temporary.replace(path.resolve())
 
 
 def check(path: Path, force: bool = False, inputs: Sequence[Path] = ()) -> None:
