@@ -31,7 +31,7 @@ class Robot:
     static: bool = False
     """It stands still for the whole log and serves as an anchor."""
     position: tuple[float, float] | None = None
-    """Known position of a static robot in `world`, m."""
+    """Known position of a static robot in the `frame` of the team, m."""
     antenna: tuple[float, float] = (0.0, 0.0)
     """UWB antenna in the body frame, m."""
     twist: Twist = "mean"
@@ -69,6 +69,8 @@ class Team:
     """Correlation time of the error of one pair's ranges, s; 0: independent."""
     communication: Communication | None = None
     """How the robots talk to each other, where the log tells."""
+    frame: str = WORLD
+    """Id of the frame in which known positions are given."""
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -55,6 +55,10 @@ COMMANDS = {
         "clt.cli.range_log:range_log",
         "Turn the packets of a UWB broadcast network into ranges, as each robot would.",
     ),
+    "streams": Row(
+        "clt.cli.commands.streams:streams",
+        "Write a first streams.toml for a foreign log, guessed from its topics and types.",
+    ),
     "info": Row("clt.cli.info:info", "Tell robots, pairs, rates, gaps, truth and faults of a log."),
     "recover": Row(
         "clt.cli.recover:recover",

@@ -11,12 +11,14 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from clt.cli.topics import SHOWN as MOST
+from clt.cli.topics import guesses, table, unused
 from clt.log.load import LoadedLog
 from clt.log.summary import Rhythm, Summary
 from clt.streams import Recording
 
 SHOWN = 20
-"""Pairs and topics in the tables; the rest is in the JSON."""
+"""Pairs in the table; the rest is in the JSON."""
 ROLES = {
     "odometry": "odometry",
     "frames": "UWB packets",
@@ -38,12 +40,15 @@ def show(loaded: LoadedLog, summary: Summary, file: TextIO) -> None:
         console.print(Text(line), soft_wrap=True)
     if len(recording.team.robots) > 0:
         console.print(robots(recording, summary))
-    else:
-        console.print(topics(loaded))
     if len(summary.pairs) > 0:
         console.print(pairs(summary.pairs))
         if len(summary.pairs) > SHOWN:
             console.print(f"{len(summary.pairs) - SHOWN} more pairs: clt info --json\n")
+    rest = unused(loaded)
+    if len(rest) > 0:
+        console.print(table(rest, guesses(loaded)))
+        if len(rest) > MOST:
+            console.print(f"{len(rest) - MOST} more topics: clt info --json\n")
 
 
 def heading(loaded: LoadedLog, summary: Summary) -> list[str]:
@@ -103,17 +108,6 @@ def pairs(found: Mapping[tuple[str, str], Rhythm]) -> Table:
         rate = "-" if one.rate is None else f"{one.rate:.1f}"
         longest = "-" if one.longest_gap is None else f"{one.longest_gap:.3g}"
         table.add_row(f"{source} -> {target}", str(one.count), rate, longest, str(one.gaps))
-    return table
-
-
-def topics(loaded: LoadedLog) -> Table:
-    """The topics of a log in which no robot was found."""
-    table = Table(box=SIMPLE_HEAD)
-    table.add_column("topic")
-    table.add_column("type")
-    table.add_column("messages", justify="right")
-    for topic in list(loaded.topics.values())[:SHOWN]:
-        table.add_row(Text(topic.name), Text(topic.type), str(topic.count))
     return table
 
 

@@ -57,7 +57,8 @@ def given(streams: StreamsFile, known: Team | None = None) -> Team:
                 sigma_omega=math.nan if robot.sigma_omega is None else robot.sigma_omega,
             )
             for name, robot in streams.robots.items()
-        )
+        ),
+        frame=streams.frame,
     )
 
 

@@ -30,6 +30,12 @@ class Faults:
         text = f"{self.name}: {count} more faults of the kind `{kind}`"
         self._more[kind] = Fault(kind, count, text, lost)
 
+    def absorb(self, other: Faults) -> None:
+        """Take over what another file of the same log has wrong, under that file's name."""
+        for fault in other.all():
+            found = self._found.setdefault(fault.kind, [])
+            found.append(fault)
+
     def all(self) -> tuple[Fault, ...]:
         """Every fault, kinds in the order of their first appearance."""
         several = [[*found, *self._rest(kind)] for kind, found in self._found.items()]

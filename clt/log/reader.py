@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from clt.errors import LogError
@@ -12,12 +11,11 @@ from clt.log import template
 from clt.log.faults import Faults
 from clt.log.gathered import Gathered
 from clt.log.msgdef import DefinitionError, Struct, parse, short
+from clt.log.opened import Joined, Scanned, opened
 from clt.log.records import Document, Header, Metadata
-from clt.log.scan import Channel, Scan
+from clt.log.scan import Channel
 from clt.log.table import Messages
 from clt.streams import Attachment
-
-STDIN = Path("-")
 
 
 @dataclass(frozen=True)
@@ -58,6 +56,8 @@ class Log:
     faults: Faults
     sha256: str
     gathered: Gathered
+    files: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of each file of a bag's folder, by name."""
 
     def messages(self, topic: str) -> Messages:
         """The messages of a wanted topic, in file order."""
@@ -96,20 +96,19 @@ class Log:
 
 
 def read(path: Path, want: Callable[[str, str], bool]) -> Log:
-    """Read a log; `-` is standard input. `want` tells by topic and type what to keep.
+    """Read a log; `-` is standard input, a folder the bag in it.
 
-    Raises LogError naming the file: missing, a directory, empty, not MCAP, without messages.
+    `want` says by topic and type what to keep.
+    Raises LogError naming the file: missing, empty, no log, without messages.
     """
-    if path == STDIN:
-        return _read(Scan(sys.stdin.buffer, "standard input"), want)
     try:
-        with path.open("rb", buffering=0) as file:
-            return _read(Scan(file, str(path)), want)
+        with opened(path, want) as scan:
+            return _read(scan, want)
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from None
 
 
-def _read(scan: Scan, want: Callable[[str, str], bool]) -> Log:
+def _read(scan: Scanned, want: Callable[[str, str], bool]) -> Log:
     header = Header("", "")
     channels: list[Channel] = []
     metadata: list[Metadata] = []
@@ -142,6 +141,7 @@ def _read(scan: Scan, want: Callable[[str, str], bool]) -> Log:
         faults,
         scan.sha256(),
         gathered.packed(),
+        scan.digests if isinstance(scan, Joined) else {},
     )
 
 
@@ -160,7 +160,7 @@ def _topics(channels: Sequence[Channel], gathered: Gathered) -> dict[str, Topic]
     return topics
 
 
-def _nothing(scan: Scan) -> str:
+def _nothing(scan: Scanned) -> str:
     faults = scan.faults.all()
     why = "" if len(faults) == 0 else f" ({faults[0].text.removeprefix(scan.name + ': ')})"
     return f"{scan.name}: the log has no messages{why}"

@@ -65,6 +65,14 @@ class Roles:
     innovation: str | None = None
     frames: dict[str, Stream] = field(default_factory=dict)
 
+    @property
+    def topics(self) -> frozenset[str]:
+        """Every topic that plays a role."""
+        named = (self.odometry, self.truth, self.estimate, self.dead_reckoning, self.frames)
+        topics = {stream.topic for streams in named for stream in streams.values()}
+        topics |= {stream.topic for _, stream in self.ranges}
+        return frozenset(topics if self.innovation is None else {*topics, self.innovation})
+
 
 def role_of(topic: str) -> tuple[str, Role] | None:
     """Robot and role of a topic by clt's names; None for a stranger."""

@@ -111,6 +111,7 @@ def as_dict(loaded: LoadedLog, summary: Summary) -> dict[str, object]:
     return {
         "log": loaded.path,
         "sha256": loaded.sha256,
+        "files": dict(loaded.files),
         "profile": loaded.profile,
         "library": loaded.library,
         "start_ns": summary.start,
@@ -129,10 +130,6 @@ def as_dict(loaded: LoadedLog, summary: Summary) -> dict[str, object]:
         "attachments": [
             {"name": item.name, "media_type": item.media_type, "bytes": len(item.data)}
             for item in recording.attachments
-        ],
-        "topics": [
-            {"name": topic.name, "type": topic.type, "count": topic.count}
-            for topic in loaded.topics.values()
         ],
         "faults": [dict(vars(fault)) for fault in recording.faults],
     }
