@@ -7,14 +7,18 @@ one predict and one update per instant, and robots moved when a range or an outp
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
 from clt.filters.eskf import USED
 from clt.filters.filterpy_model import Clock, jacobian, moved, noise, transition
-from clt.filters.filterpy_run import Guard, run
+from clt.filters.filterpy_run import judge, run
 from clt.filters.gaussian import process_form
 from clt.filters.problem import Problem
+from clt.filters.reacquisition import follow
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Solution
 from clt.filters.unicycle import SHI
@@ -30,7 +34,9 @@ class TeamFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         self.problem, self.space = problem, problem.space
         self.shi = process_form(problem, settings) == SHI
         self.clock = Clock(problem.segments, problem.space, problem.start)
-        self.first, self.shift = first, np.zeros(self.x.size)
+        kept = problem.memory
+        self.first = first
+        self.shift = kept.copy() if isinstance(kept, np.ndarray) else np.zeros(self.x.size)
         self.after = self.x
 
     def predict_x(self, u: float = 0.0) -> None:  # noqa: ARG002 - filterpy's signature
@@ -54,16 +60,13 @@ class TeamFilter(ExtendedKalmanFilter):  # type: ignore[misc]
             self.after, self.F, self.Q = x, F, Q
             self.predict()
 
-    def correct(self, rows: slice, guard: Guard) -> tuple[Floats, Floats, Indices]:
+    def correct(self, rows: slice, gate: float) -> tuple[Floats, Floats, Indices]:
         """Gate and fuse the ranges `rows` of one instant: residual, its variance, verdict."""
         ranges, lever = self.problem.ranges, self.problem.lever
         h, H = jacobian(self.x, lever, ranges, rows)
         z = ranges.range[rows]
-
-        def innovate() -> tuple[Floats, Floats]:
-            return z - h, np.einsum("mi,ij,mj->m", H, self.P, H) + ranges.variance[rows]
-
-        r, S, verdict = guard.judge(self.P, rows, innovate)
+        r, S = z - h, np.einsum("mi,ij,mj->m", H, self.P, H) + ranges.variance[rows]
+        verdict = judge(r, S, gate)
         use = np.flatnonzero(verdict == USED)
         if use.size > 0:
             R = np.diag(ranges.weight_variance[rows][use])
@@ -74,5 +77,11 @@ class TeamFilter(ExtendedKalmanFilter):  # type: ignore[misc]
 
 
 def solve_ekf(problem: Problem, settings: FilterSettings, *, first: bool = False) -> Solution:
-    """The numbers of `gaussian.solve`; `first`: first-estimates Jacobians, of world poses."""
-    return run(TeamFilter(problem, settings, first=first), problem, settings)
+    """The numbers of `gaussian.solve_ekf`; `first`: first-estimates Jacobians, of world poses."""
+    return follow(problem, settings, partial(solve, first=first))
+
+
+def solve(problem: Problem, settings: FilterSettings, *, first: bool) -> Solution:
+    """Run the filter alone."""
+    team = TeamFilter(problem, settings, first=first)
+    return replace(run(team, problem, settings.gate), memory=team.shift)

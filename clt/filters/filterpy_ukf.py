@@ -11,9 +11,10 @@ from scipy.linalg import LinAlgError, cholesky
 
 from clt.filters.eskf import USED
 from clt.filters.filterpy_model import Clock, Piece, lines, moved, noise
-from clt.filters.filterpy_run import Guard, run
+from clt.filters.filterpy_run import judge, run
 from clt.filters.gaussian import process_form
 from clt.filters.problem import Problem
+from clt.filters.reacquisition import follow
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Solution
 from clt.filters.space import Space
@@ -75,19 +76,14 @@ class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
             self.predict(space=self.space, pieces=pieces)
             self.now = stop
 
-    def correct(self, rows: slice, guard: Guard) -> tuple[Floats, Floats, Indices]:
+    def correct(self, rows: slice, gate: float) -> tuple[Floats, Floats, Indices]:
         """Gate and fuse the ranges `rows` of one instant: residual, its variance, verdict."""
         ranges, z = self.problem.ranges, self.problem.ranges.range[rows]
-        images = np.empty((0, z.size))
-
-        def innovate() -> tuple[Floats, Floats]:
-            nonlocal images
-            self.sigmas_f = self.points_fn.sigma_points(self.x, self.P)
-            images = np.abs(lines(self.sigmas_f, self.problem.lever, ranges, rows))
-            h, S = unscented_transform(images, self.Wm, self.Wc, np.diag(ranges.variance[rows]))
-            return z - h, S.diagonal()
-
-        r, S, verdict = guard.judge(self.P, rows, innovate)
+        self.sigmas_f = self.points_fn.sigma_points(self.x, self.P)
+        images = np.abs(lines(self.sigmas_f, self.problem.lever, ranges, rows))
+        h, spread = unscented_transform(images, self.Wm, self.Wc, np.diag(ranges.variance[rows]))
+        r, S = z - h, spread.diagonal()
+        verdict = judge(r, S, gate)
         use = np.flatnonzero(verdict == USED)
         if use.size > 0:
             image = iter(images[:, use])
@@ -98,4 +94,9 @@ class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
 
 def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:
     """The numbers of `ukf.solve_ukf`."""
-    return run(TeamFilter(problem, settings), problem, settings)
+    return follow(problem, settings, solve)
+
+
+def solve(problem: Problem, settings: FilterSettings) -> Solution:
+    """Run the filter alone."""
+    return run(TeamFilter(problem, settings), problem, settings.gate)

@@ -7,12 +7,15 @@ the two give the same numbers wherever both linearize at the same points.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from clt.errors import UsageError
 from clt.filters import eskf, unicycle
 from clt.filters.prior import Belief
 from clt.filters.problem import Problem
+from clt.filters.reacquisition import follow
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Solution
 from clt.filters.space import WORLD
@@ -22,17 +25,18 @@ FORMS = {"exact": unicycle.EXACT, "shi": unicycle.SHI}
 
 
 def solve_eskf(problem: Problem, settings: FilterSettings) -> Solution:
-    """Run the error-state Kalman filter on a problem."""
-    return solve(problem, settings, first=first_estimates(problem, settings))
+    """Run the error-state Kalman filter on a problem and search for robots that look lost."""
+    first = first_estimates(problem, settings)
+    return follow(problem, settings, partial(solve, first=first))
 
 
 def solve_ekf(problem: Problem, settings: FilterSettings) -> Solution:
-    """Run the extended Kalman filter on a problem."""
-    return solve(problem, settings, first=False)
+    """Run the extended Kalman filter on a problem and search for robots that look lost."""
+    return follow(problem, settings, partial(solve, first=False))
 
 
 def solve(problem: Problem, settings: FilterSettings, *, first: bool) -> Solution:
-    """Run the kernel. Raises UsageError for Shi's process noise outside the world frame."""
+    """Run the filter alone. Raises UsageError for Shi's process noise outside the world frame."""
     form = process_form(problem, settings)
     memory = remembered(problem)
     run = eskf.run(
@@ -44,7 +48,6 @@ def solve(problem: Problem, settings: FilterSettings, *, first: bool) -> Solutio
         problem.ranges,
         problem.outputs,
         gate=settings.gate,
-        reacquire=settings.reacquire,
         form=form,
         first=first,
         space=problem.space,
@@ -57,7 +60,7 @@ def solve(problem: Problem, settings: FilterSettings, *, first: bool) -> Solutio
         run.residual,
         run.variance,
         run.verdict,
-        run.lost,
+        np.zeros(len(problem.robots), np.int64),
         single(run.last_mean, run.last_covariance),
         memory=memory,
     )
@@ -67,7 +70,7 @@ def remembered(problem: Problem) -> eskf.Memory:
     """What the run that this one goes on from kept, copied; else what a first one begins with."""
     if isinstance(problem.memory, eskf.Memory):
         return eskf.Memory._make(column.copy() for column in problem.memory)
-    return eskf.no_memory(len(problem.robots), problem.start)
+    return eskf.no_memory(len(problem.robots))
 
 
 def process_form(problem: Problem, settings: FilterSettings) -> int:

@@ -16,11 +16,11 @@ import numpy as np
 
 from clt.filters.compiled import inlined, lean
 from clt.filters.eskf import REJECTED, USED, Run, most_at_once, read_out
-from clt.filters.gaussian import process_form, remembered, single
+from clt.filters.gaussian import process_form, single
 from clt.filters.inputs import Outputs, RangeTable, Segments
 from clt.filters.problem import Problem
 from clt.filters.ranging import distance_of
-from clt.filters.reacquisition import LOST, reacquire, remember
+from clt.filters.reacquisition import follow
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Solution
 from clt.filters.space import Space, move, move_block, twist
@@ -49,8 +49,6 @@ class State(NamedTuple):
     """Covariance, shape (N, N)."""
     cursor: Indices
     """The twist segment that each driver is in."""
-    memory: Indices
-    """What each block's ranges said of late (`reacquisition`)."""
     G: Floats
     """Scratch: how the inputs' noise enters, shape (N, 2)."""
 
@@ -184,26 +182,17 @@ def innovate(
 @lean
 def correct(
     state: State, points: Points, lever: Floats, ranges: RangeTable, first: int, last: int,
-    gate: float, patience: int, measured: Measured, run: Run,
+    gate: float, measured: Measured, run: Run,
 ) -> None:  # fmt: skip
-    """Gate and fuse the ranges of one instant, anew if they show that a robot was lost."""
-    a, b, memory = ranges.a, ranges.b, state.memory
-    lost, count = True, 0
-    while lost:
-        count = innovate(state, points, lever, ranges, first, last, gate, measured, run)
-        lost = reacquire(
-            state.P, a, b, run.residual, first, last, ranges.stamp[first], memory, patience
-        )
-    for k in range(first, last):
-        remember(a[k], b[k], run.verdict[k] == USED, memory)
-        remember(b[k], a[k], run.verdict[k] == USED, memory)
+    """Gate and fuse the ranges of one instant."""
+    count = innovate(state, points, lever, ranges, first, last, gate, measured, run)
     fuse(state.x, state.P, points.L, measured, count, points.excess)
 
 
 @lean
 def ukf(
     state: State, points: Points, start: int, end: int, space: Space, lever: Floats,
-    segments: Segments, ranges: RangeTable, outputs: Outputs, gate: float, patience: int,
+    segments: Segments, ranges: RangeTable, outputs: Outputs, gate: float,
     form: int, measured: Measured, run: Run,
 ) -> None:  # fmt: skip
     """The filter over a whole log: fills `run`; `state` ends as the last posterior.
@@ -223,7 +212,7 @@ def ukf(
         while last < M and ranges.stamp[last] == now:
             last += 1
         if last > m:
-            correct(state, points, lever, ranges, m, last, gate, patience, measured, run)
+            correct(state, points, lever, ranges, m, last, gate, measured, run)
             m = last
         while o < O and outputs.stamp[o] == now:
             read_out(state.x, state.P, outputs.robot[o], run.mean, run.covariance, o)
@@ -232,25 +221,30 @@ def ukf(
 
 
 def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:
-    """Run the unscented Kalman filter on a problem.
+    """Run the unscented Kalman filter on a problem and search for robots that look lost.
 
     Raises UsageError for Shi's process noise outside the world frame.
     """
+    return follow(problem, settings, solve)
+
+
+def solve(problem: Problem, settings: FilterSettings) -> Solution:
+    """Run the filter alone."""
     form = process_form(problem, settings)
     x, P = problem.mean.astype(np.float64), problem.covariance.astype(np.float64)
-    segments, ranges, memory = problem.segments, problem.ranges, remembered(problem)
-    state = State(x, P, segments.first[:-1].copy(), memory.seen, np.zeros((x.size, 2)))
+    segments, ranges = problem.segments, problem.ranges
+    state = State(x, P, segments.first[:-1].copy(), np.zeros((x.size, 2)))
     M, O = ranges.stamp.size, problem.outputs.stamp.size  # noqa: E741
     run = Run(
         np.empty((O, 3)), np.empty((O, 3, 3)),
-        np.empty(M), np.empty(M), np.empty(M, np.int64), x, P, memory.seen[:, LOST],
+        np.empty(M), np.empty(M), np.empty(M, np.int64), x, P,
     )  # fmt: skip
     ukf(
         state, points_of(x.size, settings.ukf), problem.start, problem.end, problem.space,
         problem.lever, segments, ranges, problem.outputs, settings.gate,
-        int(settings.reacquire * 1e9), form, measured_of(most_at_once(ranges.stamp), x.size), run,
+        form, measured_of(most_at_once(ranges.stamp), x.size), run,
     )  # fmt: skip
     return Solution(
-        run.mean, run.covariance, run.residual, run.variance, run.verdict, run.lost, single(x, P),
-        memory=memory,
+        run.mean, run.covariance, run.residual, run.variance, run.verdict,
+        np.zeros(len(problem.robots), np.int64), single(x, P),
     )  # fmt: skip
