@@ -2,7 +2,7 @@
 
 When most ranges of a robot contradict the estimate, the latest seconds are run once more from
 other poses of it. The ranges decide: only a belief under which all of them are far more probable
-takes the place of the old one, which runs on untouched otherwise.
+takes the place of the old one, which otherwise runs on as if nothing had been tried.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.filters.evidence import log_densities
-from clt.filters.inputs import Outputs, RangeTable
-from clt.filters.heard import rows_after
+from clt.filters.inputs import RangeTable
 from clt.filters.prior import Belief
 from clt.filters.problem import Problem
 from clt.filters.rivals import HEADINGS, rivals_of
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Filter, Solution
 from clt.filters.suspicion import FOUND, SEARCHED, clear, look_lost, next_suspicion, unsuspected
+from clt.filters.trail import Piece, before, cut, piece_of, resumed, since
 from clt.geometry import wrap
 from clt.streams import Floats, Indices
 
@@ -29,15 +29,6 @@ CLEARLY = 20.0
 """Log-likelihood ratio by which a rival must be better than the old belief."""
 REPLAYED = 2
 """How much is run once more, and how long to wait after a vain search, in units of `reacquire`."""
-
-
-class Piece(NamedTuple):
-    """A stretch of a run: the problem with the belief and memory that it began with."""
-
-    problem: Problem
-    residual: Floats
-    """Of each range, m."""
-    variance: Floats
 
 
 class Memory(NamedTuple):
@@ -51,13 +42,25 @@ class Memory(NamedTuple):
     """The latest seconds."""
 
 
+class Replayed(NamedTuple):
+    """A belief that ran through a trail."""
+
+    began: Belief
+    solution: Solution
+    """Of the last piece."""
+    evidence: Floats
+    """Log-density of each range, (n,)."""
+
+
 def follow(problem: Problem, settings: FilterSettings, run: Filter) -> Solution:
     """The solution of a filter `run` that searches for robots which look lost."""
     patience = int(settings.reacquire * 1e9)
     memory = remembered(problem, patience)
     record, part = memory.record.copy(), replace(problem, memory=memory.filter)
     solution = run(part, settings)
-    trail, done, m = (*memory.trail, piece_of(part, solution)), [], 0
+    trail = (*memory.trail, piece_of(part, solution))
+    done: list[Solution] = []
+    m = 0
     while True:
         a, b, stamp = part.ranges.a, part.ranges.b, part.ranges.stamp
         m = int(next_suspicion(record, a, b, stamp, solution.verdict, m, patience))
@@ -65,7 +68,7 @@ def follow(problem: Problem, settings: FilterSettings, run: Filter) -> Solution:
             break
         now, lost = int(stamp[m]), look_lost(record)
         trail = since(trail, now - REPLAYED * patience, settings, run)
-        found = search(until(trail, now), np.flatnonzero(lost), settings, run)
+        found = search(before(trail, now), np.flatnonzero(lost), settings, run)
         record[lost, SEARCHED] += 1
         if found is None:
             clear(record, lost, now + REPLAYED * patience)
@@ -73,7 +76,7 @@ def follow(problem: Problem, settings: FilterSettings, run: Filter) -> Solution:
         record[lost, FOUND] += 1
         clear(record, np.ones_like(lost), now + patience)
         done.append(rows_of(solution, m, int(np.searchsorted(part.outputs.stamp, now))))
-        part, m = replace(cut(part, now), **going_on(found)), 0
+        part, m = resumed(cut(part, now), found), 0
         solution = run(part, settings)
         trail = (piece_of(part, solution),)
     kept = tuple(piece for piece in trail if piece.problem.end > part.end - REPLAYED * patience)
@@ -92,73 +95,6 @@ def remembered(problem: Problem, patience: int) -> Memory:
     return Memory(None, unsuspected(len(problem.robots), problem.start + patience), ())
 
 
-def piece_of(problem: Problem, solution: Solution) -> Piece:
-    """A stretch as its filter ran through it."""
-    return Piece(problem, solution.residual, solution.variance)
-
-
-def going_on(solution: Solution) -> dict[str, object]:
-    """The fields of a problem that goes on where a solution ends."""
-    return {"belief": solution.belief, "memory": solution.memory, "prior": None}
-
-
-def cut(problem: Problem, start: int, end: int | None = None) -> Problem:
-    """The problem from `start` until before `end` (ns), by default to where it ends."""
-    until = problem.end + 1 if end is None else end
-
-    def inside(stamp: Indices) -> slice:
-        last = stamp.size if end is None else int(np.searchsorted(stamp, end))
-        return slice(int(np.searchsorted(stamp, start)), last)
-
-    rows, wanted = inside(problem.ranges.stamp), inside(problem.outputs.stamp)
-    return replace(
-        problem,
-        segments=rows_after(problem.segments, start),
-        ranges=RangeTable._make(column[rows] for column in problem.ranges),
-        outputs=Outputs._make(column[wanted] for column in problem.outputs),
-        start=start,
-        end=min(until, problem.end),
-    )
-
-
-def silent(problem: Problem) -> Problem:
-    """The problem without outputs."""
-    return replace(problem, outputs=Outputs._make(column[:0] for column in problem.outputs))
-
-
-def since(
-    trail: Sequence[Piece], start: int, settings: FilterSettings, run: Filter
-) -> tuple[Piece, ...]:
-    """A trail from the time `start` (ns) on, or as far back as it reaches."""
-    first, *rest = (piece for piece in trail if piece.problem.end > start)
-    whole = first.problem
-    if whole.start < start:
-        left = run(silent(cut(whole, whole.start, start)), settings)
-        rows = slice(int(np.searchsorted(whole.ranges.stamp, start)), None)
-        later = replace(cut(whole, start), **going_on(left))
-        first = Piece(later, first.residual[rows], first.variance[rows])
-    return (first, *rest)
-
-
-def until(trail: Sequence[Piece], end: int) -> tuple[Piece, ...]:
-    """A trail until before the time `end` (ns), which is in its last piece; without outputs."""
-    last = trail[-1]
-    part = cut(last.problem, last.problem.start, end)
-    n = part.ranges.stamp.size
-    pieces = (*trail[:-1], Piece(part, last.residual[:n], last.variance[:n]))
-    return tuple(piece._replace(problem=silent(piece.problem)) for piece in pieces)
-
-
-class Replayed(NamedTuple):
-    """A belief that ran through a trail."""
-
-    began: Belief
-    solution: Solution
-    """Of the last piece."""
-    evidence: Floats
-    """Log-density of each range, (n,)."""
-
-
 def search(
     trail: Sequence[Piece], lost: Indices, settings: FilterSettings, run: Filter
 ) -> Solution | None:
@@ -166,17 +102,13 @@ def search(
 
     Each of them takes the rival under which its own ranges are most probable.
     """
-    first = trail[0].problem
     ranges = RangeTable._make(
         np.concatenate(columns)
         for columns in zip(*(piece.problem.ranges for piece in trail), strict=True)
     )
-    old = log_densities(
-        ranges,
-        np.concatenate([piece.residual for piece in trail]),
-        np.concatenate([piece.variance for piece in trail]),
-    )
+    first = trail[0].problem
     begun = Belief._make(column[:1] for column in first.belief)
+    old = evidence_of(ranges, trail)
     rivals = [
         replayed(trail, rival, ranges, settings, run)
         for rival in rivals_of(begun, first.lever, ranges, lost)
@@ -184,42 +116,66 @@ def search(
     own = np.array([(ranges.a == i) | (ranges.b == i) for i in lost], np.float64)
     scores = np.array([own @ rival.evidence for rival in rivals])
     chosen = np.argmax(scores, axis=0)
-    best = rivals[chosen[0]]
+    candidates = list(rivals)
     if np.any(chosen != chosen[0]):
-        best = replayed(trail, composed(rivals, chosen, lost), ranges, settings, run)
-        best = max((best, *rivals), key=lambda rival: float(rival.evidence.sum()))
+        mixed = composed([rivals[k].began for k in chosen], lost)
+        candidates.append(replayed(trail, mixed, ranges, settings, run))
+    best = max(candidates, key=lambda rival: float(rival.evidence.sum()))
     if not best.evidence.sum() > old.sum() + CLEARLY:
         return None
-    return best.solution
+    return unsure(best.solution, rivals, scores, lost)
+
+
+def evidence_of(ranges: RangeTable, runs: Sequence[Piece | Solution]) -> Floats:
+    """Log-density of each range (n,) by the innovations of successive runs; -inf where not finite.
+
+    `ranges` are those of all runs.
+    """
+    residual = np.concatenate([each.residual for each in runs])
+    variance = np.concatenate([each.variance for each in runs])
+    found: Floats = np.nan_to_num(log_densities(ranges, residual, variance), nan=-np.inf)
+    return found
 
 
 def replayed(
-    trail: Sequence[Piece], belief: Belief, ranges: RangeTable, settings: FilterSettings, run: Filter
+    trail: Sequence[Piece],
+    began: Belief,
+    ranges: RangeTable,
+    settings: FilterSettings,
+    run: Filter,
 ) -> Replayed:
     """Run a belief through a trail whose ranges are given."""
-    began, memory, runs = belief, None, []
-    for piece in trail:
-        problem = replace(piece.problem, belief=belief, memory=memory, prior=None)
-        solution = run(problem, settings)
-        belief, memory = solution.belief, solution.memory
-        runs.append(solution)
-    evidence = log_densities(
-        ranges,
-        np.concatenate([solution.residual for solution in runs]),
-        np.concatenate([solution.variance for solution in runs]),
-    )
-    return Replayed(began, runs[-1], np.nan_to_num(evidence, nan=-np.inf))
+    first, *rest = (piece.problem for piece in trail)
+    runs = [run(replace(first, prior=None, belief=began, memory=None), settings)]
+    for problem in rest:
+        runs.append(run(resumed(problem, runs[-1]), settings))
+    return Replayed(began, runs[-1], evidence_of(ranges, runs))
 
 
-def composed(rivals: Sequence[Replayed], chosen: Indices, lost: Indices) -> Belief:
-    """The rivals' beginning with each of the lost blocks as its chosen one has it."""
-    belief = rivals[chosen[0]].began
-    x, P = belief.mean.copy(), belief.covariance.copy()
-    for i, k in zip(lost, chosen, strict=True):
+def composed(begun: Sequence[Belief], lost: Indices) -> Belief:
+    """One beginning in which each of the lost blocks (L,) is as in its own one of `begun` (L,)."""
+    x, P = begun[0].mean.copy(), begun[0].covariance.copy()
+    for i, theirs in zip(lost.tolist(), begun, strict=True):
         own = slice(3 * i, 3 * i + 3)
-        x[0, own] = rivals[k].began.mean[0, own]
-        P[0, own, own] = rivals[k].began.covariance[0, own, own]
-    return belief._replace(mean=x, covariance=P)
+        x[0, own], P[0, own, own] = theirs.mean[0, own], theirs.covariance[0, own, own]
+    return Belief(begun[0].log_weight, x, P)
+
+
+def unsure(
+    solution: Solution, rivals: Sequence[Replayed], scores: Floats, lost: Indices
+) -> Solution:
+    """A solution that also knows how little the ranges of each lost block said of its heading.
+
+    scores: of each rival and lost block, (K, L). A robot that stands may have any heading.
+    """
+    P = solution.belief.covariance.copy()
+    for i, score in zip((3 * lost + 2).tolist(), scores.T, strict=True):
+        first = int(np.argmax(score)) // HEADINGS * HEADINGS
+        own = slice(first, first + HEADINGS)
+        w = np.exp(score[own] - score[own].max())
+        ends = np.array([rival.solution.belief.mean[0, i] for rival in rivals[own]])
+        P[0, i, i] += w @ wrap(ends - solution.belief.mean[0, i]) ** 2 / w.sum()
+    return replace(solution, belief=solution.belief._replace(covariance=P))
 
 
 def rows_of(solution: Solution, m: int, o: int) -> Solution:
@@ -235,9 +191,14 @@ def rows_of(solution: Solution, m: int, o: int) -> Solution:
 
 
 def joined(parts: Sequence[Solution]) -> Solution:
-    """Solutions one after the other; the belief is that of the last."""
-    names = ("mean", "covariance", "residual", "variance", "verdict")
+    """Solutions one after the other; all but rows of ranges and outputs is the last one's."""
     if len(parts) == 1:
         return parts[0]
-    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    return replace(parts[-1], **columns)
+    return replace(
+        parts[-1],
+        mean=np.concatenate([part.mean for part in parts]),
+        covariance=np.concatenate([part.covariance for part in parts]),
+        residual=np.concatenate([part.residual for part in parts]),
+        variance=np.concatenate([part.variance for part in parts]),
+        verdict=np.concatenate([part.verdict for part in parts]),
+    )

@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from clt.filters.inputs import RangeTable
 from clt.filters.prior import Belief
-from clt.geometry import rotation
 from clt.streams import Floats, Indices
 
 HEADINGS = 8
@@ -58,8 +56,11 @@ def rivals_of(belief: Belief, lever: Floats, ranges: RangeTable, lost: Indices) 
             x = mean.copy()
             x[3 * lost], x[3 * lost + 1] = places.T
             x[3 * lost + 2] += turn
+            x[: 3 * lever.shape[0]].reshape(-1, 3)[lost, :2] -= arms(x, lever)[lost]
             sigma = max(LOST_POSITION, error), LOST_HEADING
-            made.append(Belief(np.zeros(1), x[None], widened(belief.covariance[0], lost, sigma)[None]))
+            made.append(
+                Belief(np.zeros(1), x[None], widened(belief.covariance[0], lost, sigma)[None])
+            )
     return made
 
 
@@ -82,7 +83,7 @@ def positions(
     """
     from scipy.optimize import least_squares  # noqa: PLC0415 - slow, and seldom needed
 
-    places = antennas(mean, lever)
+    places = mean[: 3 * lever.shape[0]].reshape(-1, 3)[:, :2] + arms(mean, lever)
     old = places[lost]
     spread = max(float(np.max(np.abs(misses(places, links)), initial=0.0)), LOST_POSITION)
 
@@ -106,12 +107,12 @@ def positions(
     return [best, other]
 
 
-def antennas(mean: Floats, lever: Floats) -> Floats:
-    """Antenna of each block (B, 2) in a state (N,), m."""
-    blocks = mean[: 3 * lever.shape[0]].reshape(-1, 3)
-    turned = [rotation(float(theta)) @ arm for theta, arm in zip(blocks[:, 2], lever, strict=True)]
-    places: Floats = blocks[:, :2] + np.array(turned)
-    return places
+def arms(mean: Floats, lever: Floats) -> Floats:
+    """From the pose of each block in a state (N,) to its antenna, in its frame, (B, 2), m."""
+    theta = mean[2 : 3 * lever.shape[0] : 3]
+    c, s = np.cos(theta), np.sin(theta)
+    turned: Floats = np.stack([c, -s, s, c], axis=1).reshape(-1, 2, 2) @ lever[:, :, None]
+    return turned[:, :, 0]
 
 
 def partners(places: Floats, links: Links, end: int) -> Floats:
@@ -124,16 +125,15 @@ def partners(places: Floats, links: Links, end: int) -> Floats:
 def misses(places: Floats, links: Links) -> Floats:
     """By how much each range is shorter than the distance, m."""
     line = partners(places, links, 0) - partners(places, links, 1)
-    return np.hypot(*line.T) - links.range
+    length: Floats = np.hypot(line[:, 0], line[:, 1])
+    return length - links.range
 
 
 def mirrored(places: Floats, links: Links, lost: Indices) -> Floats:
     """The lost blocks' positions mirrored in the line that fits their partners best, (L, 2), m."""
     images = []
     for i in lost:
-        others = [
-            partners(places, links, 1 - end)[links.ends[:, end] == i] for end in (0, 1)
-        ]
+        others = [partners(places, links, 1 - end)[links.ends[:, end] == i] for end in (0, 1)]
         points = np.concatenate(others)
         middle = points.mean(axis=0)
         along = np.linalg.svd(points - middle)[2][0]

@@ -133,8 +133,8 @@ class FilterSettings(Settings):
     gate: NotNegative = 16.0
     """A range is rejected when its NIS exceeds this; 0 accepts all."""
     reacquire: Positive = 3.0
-    """A robot is called lost, and searched for anew, when most of its ranges with several partners
-    were rejected over this many seconds."""
+    """A robot is searched for when most of its ranges with several partners were rejected over this
+    many seconds; what is found replaces the estimate where the ranges fit it clearly better."""
     received: Received = Received()
     mixture: Mixture = Mixture()
     pf: Pf = Pf()

@@ -32,7 +32,8 @@ def clear(record: Indices, robots: NDArray[np.bool_], due: int) -> None:
 def look_lost(record: Indices) -> NDArray[np.bool_]:
     """Whether most ranges contradict each robot, whenever it is judged, shape (n,)."""
     most = record[:, CONTRADICTED] > record[:, ACCEPTED]
-    return most & (record[:, ACCUSER] == SEVERAL)
+    lost: NDArray[np.bool_] = most & (record[:, ACCUSER] == SEVERAL)
+    return lost
 
 
 @lean

@@ -12,6 +12,7 @@ from clt.filters.inputs import RangeTable
 from clt.filters.posterior import Posterior
 from clt.filters.prior import Belief, moments, spread
 from clt.filters.problem import ABSOLUTE, Problem, lay_out
+from clt.filters.searches import found_again, not_found
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Filter, Solution
 from clt.filters.space import ERRORS, View
@@ -122,16 +123,6 @@ def lost_robots(problem: Problem, solution: Solution) -> tuple[str, ...]:
         if not np.isfinite(solution.mean[own]).all() or rejected > LOST_SHARE:
             lost.append(name)
     return tuple(lost)
-
-
-def found_again(problem: Problem, solution: Solution) -> tuple[str, ...]:
-    """One line for each robot that the filter lost and searched for."""
-    return tuple(
-        f"{name} was lost {'once' if times == 1 else f'{times} times'}: most of its ranges "
-        "contradicted the estimate, so it was searched for anew"
-        for name, times in zip(problem.robots, solution.lost, strict=True)
-        if times > 0
-    )
 
 
 def became_unique(problem: Problem, solution: Solution) -> tuple[str, ...]:
@@ -267,6 +258,7 @@ def posterior_of(
         np.array([told(problem, b, P[None])[0] for b, (_, P) in enumerate(ends)]),
         (
             *unique,
+            *not_found(problem, solution),
             *calibrated(problem, solution.belief),
             *talk(solution),
         ),
