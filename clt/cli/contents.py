@@ -13,6 +13,8 @@ from rich.text import Text
 
 from clt.log.load import LoadedLog
 from clt.log.summary import Rhythm, Summary
+from clt.printable import name as shown
+from clt.printable import printable
 from clt.streams import Recording
 
 SHOWN = 20
@@ -35,7 +37,7 @@ def show(loaded: LoadedLog, summary: Summary, file: TextIO) -> None:
         console.width = 100
     recording = loaded.recording
     for line in heading(loaded, summary):
-        console.print(Text(line), soft_wrap=True)
+        console.print(Text(printable(line)), soft_wrap=True)
     if len(recording.team.robots) > 0:
         console.print(robots(recording, summary))
     else:
@@ -113,7 +115,7 @@ def topics(loaded: LoadedLog) -> Table:
     table.add_column("type")
     table.add_column("messages", justify="right")
     for topic in list(loaded.topics.values())[:SHOWN]:
-        table.add_row(Text(topic.name), Text(topic.type), str(topic.count))
+        table.add_row(Text(shown(topic.name)), Text(shown(topic.type)), str(topic.count))
     return table
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from clt.errors import LogError
@@ -15,6 +15,7 @@ from clt.log.msgdef import DefinitionError, Struct, parse, short
 from clt.log.records import Document, Header, Metadata
 from clt.log.scan import Channel, Scan
 from clt.log.table import Messages
+from clt.log.wire import Budget
 from clt.streams import Attachment
 
 STDIN = Path("-")
@@ -58,6 +59,8 @@ class Log:
     faults: Faults
     sha256: str
     gathered: Gathered
+    budget: Budget = field(default_factory=Budget)
+    """Of decoding."""
 
     def messages(self, topic: str) -> Messages:
         """The messages of a wanted topic, in file order."""
@@ -84,15 +87,7 @@ class Log:
         Raises LogError for a definition that makes no sense, PathError for an unknown field.
         """
         struct, messages = self.struct(topic), self.messages(topic)
-        schema = self.topics[topic].channels[0].schema
-        text = "" if schema is None else schema.data.decode("utf-8")
-
-        def ordinary(rest: Messages) -> template.Decoded:
-            from clt.log import ordinary as slow  # noqa: PLC0415 - seldom needed, slow to import
-
-            return slow.decode(rest, struct, text, paths)
-
-        return messages, template.decode(messages, struct, paths, ordinary)
+        return messages, template.decode(messages, struct, paths, self.budget)
 
 
 def read(path: Path, want: Callable[[str, str], bool]) -> Log:
@@ -107,6 +102,8 @@ def read(path: Path, want: Callable[[str, str], bool]) -> Log:
             return _read(Scan(file, str(path)), want)
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from None
+    except MemoryError:
+        raise LogError(f"{path}: memory ran out while reading it") from None
 
 
 def _read(scan: Scan, want: Callable[[str, str], bool]) -> Log:
@@ -147,17 +144,13 @@ def _read(scan: Scan, want: Callable[[str, str], bool]) -> Log:
 
 def _topics(channels: Sequence[Channel], gathered: Gathered) -> dict[str, Topic]:
     """Topics by name; a topic may have several channels, as in joined files."""
-    topics: dict[str, Topic] = {}
+    found: dict[str, list[Channel]] = {}
     for channel in channels:
-        count = gathered.counts[channel.number]
-        topic = topics.get(channel.topic)
-        if topic is None:
-            topics[channel.topic] = Topic(channel.topic, (channel,), count)
-        else:
-            topics[channel.topic] = replace(
-                topic, channels=(*topic.channels, channel), count=topic.count + count
-            )
-    return topics
+        found.setdefault(channel.topic, []).append(channel)
+    return {
+        name: Topic(name, tuple(several), sum(gathered.counts[one.number] for one in several))
+        for name, several in found.items()
+    }
 
 
 def _nothing(scan: Scan) -> str:
