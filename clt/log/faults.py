@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from clt.printable import name as shown
 from clt.streams import Fault
 
 NAMED = 3
@@ -22,7 +23,7 @@ class Faults:
         """Note a fault at `place`, a topic or `byte N`; `lost` if data was unusable."""
         found = self._found.setdefault(kind, [])
         if len(found) < NAMED:
-            found.append(Fault(kind, count, f"{self.name}: {place}: {text}", lost))
+            found.append(Fault(kind, count, f"{self.name}: {shown(place)}: {text}", lost))
             return
         before = self._more.get(kind)
         if before is not None:

@@ -12,12 +12,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from clt.log import records
-from clt.log.chunk import LIMIT, inflate
+from clt.log.chunk import FREE, LIMIT, RATIO, inflate
 from clt.log.faults import Faults
 from clt.log.records import (
     HEAD,
     MAGIC,
     ChannelRecord,
+    Chunk,
     DamagedError,
     Document,
     Header,
@@ -64,8 +65,10 @@ class Inflated:
 class Frames:
     """Iterate it once, from behind the opening magic to behind the closing one."""
 
-    def __init__(self, source: Source, faults: Faults) -> None:
+    def __init__(self, source: Source, faults: Faults, inflated: int = 0) -> None:
         self._source = source
+        self.inflated = inflated
+        """Bytes of all chunks so far."""
         self._faults = faults
         self._chunk: Inflated | None = None
         self._data_ended = False
@@ -114,8 +117,7 @@ class Frames:
         try:
             match opcode:
                 case records.CHUNK:
-                    data = np.frombuffer(inflate(records.chunk(body)), np.uint8)
-                    self._chunk = Inflated(place, data)
+                    self._inflate(place, records.chunk(body))
                 case records.MESSAGE_INDEX:
                     if self._chunk is not None:
                         self._chunk.hints.append(records.message_index(body))
@@ -128,6 +130,13 @@ class Frames:
         except DamagedError as error:
             kind = "chunk" if opcode == records.CHUNK else "record"
             self._faults.add(kind, place, f"{NAMES[opcode]} skipped: {error}", lost=True)
+
+    def _inflate(self, place: str, chunk: Chunk) -> None:
+        """Let a chunk wait for its indexes. Raises DamagedError."""
+        allowed = FREE + RATIO * self._source.position - self.inflated
+        data = np.frombuffer(inflate(chunk, allowed), np.uint8)
+        self.inflated += len(data)
+        self._chunk = Inflated(place, data)
 
     def _close(self) -> None:
         """The footer ends the file; its magic should follow."""
