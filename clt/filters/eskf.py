@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from clt.filters import kalman
 from clt.filters.compiled import inlined, lean
+from clt.filters.free import Free, exchange, find, inactive
 from clt.filters.inputs import Outputs, RangeTable, Segments
 from clt.filters.kalman import Work
 from clt.filters.ranging import predict_range
@@ -230,7 +231,7 @@ def read_out(x: Floats, P: Floats, i: int, mean: Floats, covariance: Floats, o: 
 def eskf(
     state: State, start: int, end: int, space: Space, lever: Floats, segments: Segments,
     ranges: RangeTable, outputs: Outputs, gate: float, patience: int, form: int, first: bool,
-    large: int | None, work: Work, run: Run,
+    free: Free, large: int | None, work: Work, run: Run,
 ) -> None:  # fmt: skip
     """The filter over a whole log: fills `run`; `state` ends as the last posterior.
 
@@ -252,7 +253,11 @@ def eskf(
             last += 1
         if last > m:
             judge(state, lever, ranges, m, last, gate, patience, work, run)
+            turns = find(state.x, state.P, space, ranges, m, last, segments, state.cursor, free)
             correct(state, work, last - m, large, first)
+            exchange(
+                state.x, state.P, space, ranges, m, last, segments, state.cursor, free, turns
+            )
             m = last
         while o < O and outputs.stamp[o] == now:
             i = outputs.robot[o]
@@ -287,6 +292,7 @@ def run(
     reacquire: float,
     form: int,
     first: bool = False,
+    free: Free | None = None,
     space: Space | None = None,
     end: int | None = None,
     memory: Memory | None = None,
@@ -294,7 +300,8 @@ def run(
     """Filter one log: joint mean (N,) and covariance (N, N) at `start` (ns), lever (B, 2).
 
     gate: chi-square bound of one range, 0 for none; reacquire: s; form: of the process noise;
-    first: first-estimates Jacobians instead of those at the latest estimate; space: by default
+    first: first-estimates Jacobians of poses in the world instead of those at the latest estimate;
+    free: the same of poses in body frames, by default not; space: by default
     the world's, one block for each robot that has segments; end: ns, up to where all are carried
     in the end, by default the last stamp of the ranges and outputs; memory: of the run to go on
     from, by default of none; this run's own in the end.
@@ -318,6 +325,6 @@ def run(
     with threadpool_limits(1, "blas") if large is not None else nullcontext():
         eskf(
             state, start, start if end is None else end, space, lever, segments, ranges, outputs,
-            gate, patience, form, first, large, work, result,
+            gate, patience, form, first, inactive() if free is None else free, large, work, result,
         )  # fmt: skip
     return result

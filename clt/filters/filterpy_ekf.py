@@ -13,10 +13,12 @@ from filterpy.kalman import ExtendedKalmanFilter
 from clt.filters.eskf import USED
 from clt.filters.filterpy_model import Clock, jacobian, moved, noise, transition
 from clt.filters.filterpy_run import Guard, run
+from clt.filters.free import exchange, find, free_of, wanted
 from clt.filters.gaussian import process_form
 from clt.filters.problem import Problem
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Solution
+from clt.filters.space import WORLD
 from clt.filters.unicycle import SHI
 from clt.streams import Floats, Indices
 
@@ -24,13 +26,15 @@ from clt.streams import Floats, Indices
 class TeamFilter(ExtendedKalmanFilter):  # type: ignore[misc]
     """filterpy's EKF with the team's motion as its prediction of the mean."""
 
-    def __init__(self, problem: Problem, settings: FilterSettings, *, first: bool) -> None:
+    def __init__(self, problem: Problem, settings: FilterSettings) -> None:
         super().__init__(dim_x=problem.mean.size, dim_z=1)
         self.x, self.P = problem.mean.copy(), problem.covariance.copy()
         self.problem, self.space = problem, problem.space
         self.shi = process_form(problem, settings) == SHI
         self.clock = Clock(problem.segments, problem.space, problem.start)
-        self.first, self.shift = first, np.zeros(self.x.size)
+        hold, relative = wanted(problem, settings), bool(np.any(problem.space.base != WORLD))
+        self.first, self.shift = hold and not relative, np.zeros(self.x.size)
+        self.free = free_of(problem, hold and relative)
         self.after = self.x
 
     def predict_x(self, u: float = 0.0) -> None:  # noqa: ARG002 - filterpy's signature
@@ -68,11 +72,14 @@ class TeamFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         if use.size > 0:
             R = np.diag(ranges.weight_variance[rows][use])
             before = self.x
+            instant = ranges, rows.start, rows.stop, self.problem.segments, self.clock.cursor
+            turns = find(self.x, self.P, self.space, *instant, self.free)
             self.update(z[use], lambda _: H[use], lambda _: h[use], R=R)
+            exchange(self.x, self.P, self.space, *instant, self.free, turns)
             self.shift += self.first * (self.x - before)
         return r, S, verdict
 
 
-def solve_ekf(problem: Problem, settings: FilterSettings, *, first: bool = False) -> Solution:
-    """The numbers of `gaussian.solve`; `first`: first-estimates Jacobians, of world poses."""
-    return run(TeamFilter(problem, settings, first=first), problem, settings)
+def solve_ekf(problem: Problem, settings: FilterSettings) -> Solution:
+    """The numbers of `gaussian.solve_ekf`."""
+    return run(TeamFilter(problem, settings), problem, settings)

@@ -16,6 +16,7 @@ import numpy as np
 
 from clt.filters.compiled import inlined, lean
 from clt.filters.eskf import REJECTED, USED, Run, most_at_once, read_out
+from clt.filters.free import Free, directions, exchange, free_of, leave_out, wanted, whiten
 from clt.filters.gaussian import process_form, remembered, single
 from clt.filters.inputs import Outputs, RangeTable, Segments
 from clt.filters.problem import Problem
@@ -184,7 +185,8 @@ def innovate(
 @lean
 def correct(
     state: State, points: Points, lever: Floats, ranges: RangeTable, first: int, last: int,
-    gate: float, patience: int, measured: Measured, run: Run,
+    gate: float, patience: int, space: Space, segments: Segments, free: Free, measured: Measured,
+    run: Run,
 ) -> None:  # fmt: skip
     """Gate and fuse the ranges of one instant, anew if they show that a robot was lost."""
     a, b, memory = ranges.a, ranges.b, state.memory
@@ -197,14 +199,19 @@ def correct(
     for k in range(first, last):
         remember(a[k], b[k], run.verdict[k] == USED, memory)
         remember(b[k], a[k], run.verdict[k] == USED, memory)
-    fuse(state.x, state.P, points.L, measured, count, points.excess)
+    x, P, cursor = state.x, state.P, state.cursor
+    turns = directions(x, space, ranges, first, last, segments, cursor, free, free.before)
+    whiten(points.L, turns, free)
+    leave_out(measured.odd, count, turns, free)
+    fuse(x, P, points.L, measured, count, points.excess)
+    exchange(x, P, space, ranges, first, last, segments, cursor, free, turns)
 
 
 @lean
 def ukf(
     state: State, points: Points, start: int, end: int, space: Space, lever: Floats,
     segments: Segments, ranges: RangeTable, outputs: Outputs, gate: float, patience: int,
-    form: int, measured: Measured, run: Run,
+    form: int, free: Free, measured: Measured, run: Run,
 ) -> None:  # fmt: skip
     """The filter over a whole log: fills `run`; `state` ends as the last posterior.
 
@@ -223,7 +230,10 @@ def ukf(
         while last < M and ranges.stamp[last] == now:
             last += 1
         if last > m:
-            correct(state, points, lever, ranges, m, last, gate, patience, measured, run)
+            correct(
+                state, points, lever, ranges, m, last, gate, patience, space, segments, free,
+                measured, run,
+            )  # fmt: skip
             m = last
         while o < O and outputs.stamp[o] == now:
             read_out(state.x, state.P, outputs.robot[o], run.mean, run.covariance, o)
@@ -248,7 +258,8 @@ def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:
     ukf(
         state, points_of(x.size, settings.ukf), problem.start, problem.end, problem.space,
         problem.lever, segments, ranges, problem.outputs, settings.gate,
-        int(settings.reacquire * 1e9), form, measured_of(most_at_once(ranges.stamp), x.size), run,
+        int(settings.reacquire * 1e9), form, free_of(problem, wanted(problem, settings)),
+        measured_of(most_at_once(ranges.stamp), x.size), run,
     )  # fmt: skip
     return Solution(
         run.mean, run.covariance, run.residual, run.variance, run.verdict, run.lost, single(x, P),
