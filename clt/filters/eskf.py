@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from clt.filters import kalman
 from clt.filters.compiled import inlined, lean
+from clt.filters.free import Free, exchange, find, inactive
 from clt.filters.inputs import Outputs, RangeTable, Segments
 from clt.filters.kalman import Work
 from clt.filters.ranging import predict_range
@@ -207,7 +208,7 @@ def read_out(x: Floats, P: Floats, i: int, mean: Floats, covariance: Floats, o: 
 def eskf(
     state: State, start: int, end: int, space: Space, lever: Floats, segments: Segments,
     ranges: RangeTable, outputs: Outputs, gate: float, form: int, first: bool,
-    large: int | None, work: Work, run: Run,
+    free: Free, large: int | None, work: Work, run: Run,
 ) -> None:  # fmt: skip
     """The filter over a whole log: fills `run`; `state` ends as the last posterior.
 
@@ -229,7 +230,9 @@ def eskf(
             last += 1
         if last > m:
             innovate(state, lever, ranges, m, last, gate, work, run)
+            turns = find(state.x, state.P, space, ranges, m, last, segments, state.cursor, free)
             correct(state, work, last - m, large, first)
+            exchange(state.x, state.P, space, ranges, m, last, segments, state.cursor, free, turns)
             m = last
         while o < O and outputs.stamp[o] == now:
             i = outputs.robot[o]
@@ -263,6 +266,7 @@ def run(
     gate: float,
     form: int,
     first: bool = False,
+    free: Free | None = None,
     space: Space | None = None,
     end: int | None = None,
     memory: Memory | None = None,
@@ -270,7 +274,8 @@ def run(
     """Filter one log: joint mean (N,) and covariance (N, N) at `start` (ns), lever (B, 2).
 
     gate: chi-square bound of one range, 0 for none; form: of the process noise;
-    first: first-estimates Jacobians instead of those at the latest estimate; space: by default
+    first: first-estimates Jacobians of poses in the world instead of those at the latest estimate;
+    free: the same of poses in body frames, by default not; space: by default
     the world's, one block for each robot that has segments; end: ns, up to where all are carried
     in the end, by default the last stamp of the ranges and outputs; memory: of the run to go on
     from, by default of none; this run's own in the end.
@@ -293,6 +298,6 @@ def run(
     with threadpool_limits(1, "blas") if large is not None else nullcontext():
         eskf(
             state, start, start if end is None else end, space, lever, segments, ranges, outputs,
-            gate, form, first, large, work, result,
+            gate, form, first, inactive() if free is None else free, large, work, result,
         )  # fmt: skip
     return result

@@ -1,18 +1,17 @@
 """The Kalman filters: one Gaussian, linearized at the estimate.
 
-`eskf` is Shi's, with first-estimates Jacobians where the team cannot be fixed; `ekf` the textbook's
-with Jacobians at the latest estimate. As the error state is additive (on the circle for headings),
-the two give the same numbers wherever both linearize at the same points.
+`eskf` is Shi's; `ekf` that of the textbooks. As the error state is additive (on the circle for
+headings), the two are one: with first-estimates Jacobians where something cannot be observed, else
+with those at the latest estimate.
 """
 
 from __future__ import annotations
-
-from functools import partial
 
 import numpy as np
 
 from clt.errors import UsageError
 from clt.filters import eskf, unicycle
+from clt.filters.free import free_of, wanted
 from clt.filters.prior import Belief
 from clt.filters.problem import Problem
 from clt.filters.reacquisition import follow
@@ -25,20 +24,18 @@ FORMS = {"exact": unicycle.EXACT, "shi": unicycle.SHI}
 
 
 def solve_eskf(problem: Problem, settings: FilterSettings) -> Solution:
-    """Run the error-state Kalman filter on a problem and search for robots that look lost."""
-    first = first_estimates(problem, settings)
-    return follow(problem, settings, partial(solve, first=first))
+    """Run the filter on a problem and search for robots that look lost.
+
+    Raises UsageError for Shi's process noise outside the world frame.
+    """
+    return follow(problem, settings, solve)
 
 
-def solve_ekf(problem: Problem, settings: FilterSettings) -> Solution:
-    """Run the extended Kalman filter on a problem and search for robots that look lost."""
-    return follow(problem, settings, partial(solve, first=False))
-
-
-def solve(problem: Problem, settings: FilterSettings, *, first: bool) -> Solution:
-    """Run the filter alone. Raises UsageError for Shi's process noise outside the world frame."""
+def solve(problem: Problem, settings: FilterSettings) -> Solution:
+    """Run the filter alone."""
     form = process_form(problem, settings)
     memory = remembered(problem)
+    first, relative = wanted(problem, settings), bool(np.any(problem.space.base != WORLD))
     run = eskf.run(
         problem.mean,
         problem.covariance,
@@ -49,7 +46,8 @@ def solve(problem: Problem, settings: FilterSettings, *, first: bool) -> Solutio
         problem.outputs,
         gate=settings.gate,
         form=form,
-        first=first,
+        first=first and not relative,
+        free=free_of(problem, first and relative),
         space=problem.space,
         end=problem.end,
         memory=memory,
@@ -64,6 +62,9 @@ def solve(problem: Problem, settings: FilterSettings, *, first: bool) -> Solutio
         single(run.last_mean, run.last_covariance),
         memory=memory,
     )
+
+
+solve_ekf = solve_eskf
 
 
 def remembered(problem: Problem) -> eskf.Memory:
@@ -90,16 +91,3 @@ def process_form(problem: Problem, settings: FilterSettings) -> int:
 def single(mean: Floats, covariance: Floats) -> Belief:
     """One Gaussian as a belief."""
     return Belief(np.zeros(1), mean[None], covariance[None])
-
-
-def first_estimates(problem: Problem, settings: FilterSettings) -> bool:
-    """Whether to take first-estimates Jacobians: as set, else with fewer than two fixed robots.
-
-    Relative poses are not free to move as a whole: there the latest estimate serves.
-    """
-    if np.any(problem.space.base != WORLD):
-        return False
-    if settings.jacobians != "auto":
-        return settings.jacobians == "first"
-    ends = np.append(problem.ranges.a, problem.ranges.b)
-    return np.unique(ends[ends < 0]).size < 2

@@ -59,8 +59,10 @@ class Problem:
     """None where a filter goes on from `belief`, as an earlier run of it left it."""
     belief: Belief
     """At `start`."""
+    antenna: Floats
+    """Of each driver in its body frame, shape (D, 2), m."""
     lever: Floats
-    """Antenna of each block's robot in its body frame, shape (B, 2), m."""
+    """The same of each block's robot, shape (B, 2)."""
     segments: Segments
     ranges: RangeTable
     outputs: Outputs
@@ -181,6 +183,7 @@ def lay_out(
         still=[name for name in names if name not in odometry],
     )
     robots = tuple(names[j] for j in cast.who)
+    antenna = np.array([team.robots[team.index(name)].antenna for name in names], np.float64)
     return Problem(
         robots,
         tuple(world_of(start) if i == WORLD else f"{names[i]}{BODY}" for i in cast.base),
@@ -188,7 +191,8 @@ def lay_out(
         make_space(cast.who, cast.base, calibrated),
         prior,
         gaussians(prior),
-        np.array([team.robots[team.index(name)].antenna for name in robots], dtype=np.float64),
+        antenna,
+        antenna[list(cast.who)],
         join_segments(parts),
         table,
         output_times(cast, {name: odometry[name].stamp for name in odometry}, start.stamp),

@@ -16,6 +16,7 @@ import numpy as np
 
 from clt.filters.compiled import inlined, lean
 from clt.filters.eskf import REJECTED, USED, Run, most_at_once, read_out
+from clt.filters.free import Free, directions, exchange, free_of, leave_out, wanted, whiten
 from clt.filters.gaussian import process_form, single
 from clt.filters.inputs import Outputs, RangeTable, Segments
 from clt.filters.problem import Problem
@@ -182,18 +183,23 @@ def innovate(
 @lean
 def correct(
     state: State, points: Points, lever: Floats, ranges: RangeTable, first: int, last: int,
-    gate: float, measured: Measured, run: Run,
+    gate: float, space: Space, segments: Segments, free: Free, measured: Measured, run: Run,
 ) -> None:  # fmt: skip
     """Gate and fuse the ranges of one instant."""
     count = innovate(state, points, lever, ranges, first, last, gate, measured, run)
-    fuse(state.x, state.P, points.L, measured, count, points.excess)
+    x, P, cursor = state.x, state.P, state.cursor
+    turns = directions(x, space, ranges, first, last, segments, cursor, free, free.before)
+    whiten(points.L, turns, free)
+    leave_out(measured.odd, count, turns, free)
+    fuse(x, P, points.L, measured, count, points.excess)
+    exchange(x, P, space, ranges, first, last, segments, cursor, free, turns)
 
 
 @lean
 def ukf(
     state: State, points: Points, start: int, end: int, space: Space, lever: Floats,
     segments: Segments, ranges: RangeTable, outputs: Outputs, gate: float,
-    form: int, measured: Measured, run: Run,
+    form: int, free: Free, measured: Measured, run: Run,
 ) -> None:  # fmt: skip
     """The filter over a whole log: fills `run`; `state` ends as the last posterior.
 
@@ -212,7 +218,9 @@ def ukf(
         while last < M and ranges.stamp[last] == now:
             last += 1
         if last > m:
-            correct(state, points, lever, ranges, m, last, gate, measured, run)
+            correct(
+                state, points, lever, ranges, m, last, gate, space, segments, free, measured, run,
+            )  # fmt: skip
             m = last
         while o < O and outputs.stamp[o] == now:
             read_out(state.x, state.P, outputs.robot[o], run.mean, run.covariance, o)
@@ -242,7 +250,8 @@ def solve(problem: Problem, settings: FilterSettings) -> Solution:
     ukf(
         state, points_of(x.size, settings.ukf), problem.start, problem.end, problem.space,
         problem.lever, segments, ranges, problem.outputs, settings.gate,
-        form, measured_of(most_at_once(ranges.stamp), x.size), run,
+        form, free_of(problem, wanted(problem, settings)),
+        measured_of(most_at_once(ranges.stamp), x.size), run,
     )  # fmt: skip
     return Solution(
         run.mean, run.covariance, run.residual, run.variance, run.verdict,
