@@ -1,4 +1,4 @@
-"""Robots that look lost: found where they are lost, left alone where only their ranges are wrong."""
+"""Robots that look lost: found where they are, left alone where only their ranges are wrong."""
 
 from __future__ import annotations
 

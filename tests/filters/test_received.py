@@ -130,7 +130,7 @@ def test_without_delays_it_is_the_sorted_replay(change, estimator):
         poses = {name: pose for name, pose in start.poses.items() if name[0] == "R"}
         start = replace(start, poses=poses)
     if change is astray:
-        wrong = replace(start.poses["R2"], mean=start.poses["R2"].mean + (2.0, 2.0, 1.0))
+        wrong = replace(start.poses["R2"], mean=start.poses["R2"].mean + np.array([2.0, 2.0, 1.0]))
         start = replace(start, poses={**start.poses, "R2": wrong})
     settings = FilterSettings(reacquire=1.0)
     posterior = received.replay(recording, start, settings, estimator)
