@@ -8,18 +8,20 @@ of the record in the summary.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import BinaryIO, TypeVar
 
 import numpy as np
 
 from clt.errors import LogError
+from clt.log import records
 from clt.log.chunk import LIMIT
 from clt.log.faults import Faults
 from clt.log.frames import Frames
 from clt.log.magic import explain
 from clt.log.records import MAGIC, ChannelRecord, Document, Header, Metadata, Schema
+from clt.log.resync import Effort, at, sound
 from clt.log.source import Source
 from clt.log.table import Messages, Narrow
 
@@ -57,11 +59,18 @@ class Names:
 class Scan:
     """Iterate it once; after that `faults` and `sha256()` are complete.
 
-    Raises LogError where the stream is no MCAP file at all, or cannot be read.
+    `salvage`, where given, holds definitions that are beyond doubt, and a damaged magic is
+    forgiven. Raises LogError where the stream is no MCAP file at all, or cannot be read.
     """
 
-    def __init__(self, stream: BinaryIO, name: str) -> None:
+    def __init__(
+        self,
+        stream: BinaryIO,
+        name: str,
+        salvage: Sequence[Schema | ChannelRecord] | None = None,
+    ) -> None:
         self.name = name
+        self._salvage = salvage
         self.faults = Faults(name)
         self._source = Source(stream, name)
         self._channels = 0
@@ -73,23 +82,40 @@ class Scan:
 
     def __iter__(self) -> Iterator[Event]:
         source = self._source
-        start = source.peek(16)
-        if not start.startswith(MAGIC):
-            raise LogError(f"{self.name}: {explain(start)}")
-        complete, inflated = False, 0
-        while source.peek(len(MAGIC)) == MAGIC:
+        if not self._opens():
+            raise LogError(f"{self.name}: {explain(source.peek(16))}")
+        complete, inflated, effort = False, 0, Effort()
+        while self._opens():
             source.skip(len(MAGIC))
-            frames = Frames(source, self.faults, inflated)
+            if complete and source.peek(1) == b"":
+                break
+            frames = Frames(source, self.faults, inflated, effort)
             yield from self._file(frames)
             complete, inflated = frames.complete, frames.inflated
         if complete and len(source.peek(1)) > 0:
             text = "what follows the end of the log was ignored"
             self.faults.add("trailing", f"byte {source.position}", text)
 
+    def _opens(self) -> bool:
+        """The magic of a file comes next, or, in salvage, what a flipped bit made of it."""
+        source = self._source
+        magic = source.peek(len(MAGIC))
+        if magic == MAGIC:
+            return True
+        wrong = int.from_bytes(magic, "little") ^ int.from_bytes(MAGIC, "little")
+        if self._salvage is None or wrong.bit_count() > 8:
+            return False
+        behind = at(source, len(MAGIC), 1)
+        if behind != bytes([records.HEADER]) or not sound(source, len(MAGIC), Effort()):
+            return False
+        self.faults.add("magic", f"byte {source.position}", "the magic is damaged; no data is lost")
+        return True
+
     def _file(self, frames: Frames) -> Iterator[Event]:
         """One of the joined files; mostly there is one."""
         names = Names()
-        for frame in frames:
+        known, self._salvage = self._salvage or (), None if self._salvage is None else ()
+        for frame in itertools.chain(known, frames):
             match frame:
                 case Schema():
                     waiting = names.unnamed.pop(frame.id, [])
