@@ -27,6 +27,8 @@ SMOOTHED = 5
 """Messages whose median delay is looked at: single ones may be late."""
 MOST_PIECES = 100
 """A stream whose delay steps more often is not recorded by a clock."""
+LONGEST = 9e9
+"""Between two times of recording, s: beyond it int64 has no nanoseconds."""
 ROLES = ("odometry", "ranges", "frames", "estimate")
 """Streams that say when a log was recorded; truth alone does not."""
 
@@ -134,7 +136,7 @@ class Stretches(NamedTuple):
 def stretches(stream: Stream, base: int) -> Stretches | None:
     """Cut a stream; None where its delay steps too often for a clock. `base` in ns."""
     order = np.argsort(stream.log_time, kind="stable")
-    delay = np.asarray((stream.log_time - stream.stamp - base)[order] * 1e-9, np.float64)
+    delay = np.asarray((stream.log_time - stream.stamp)[order] * 1e-9 - base * 1e-9, np.float64)
     bounds = [0, delay.size]
     if np.ptp(delay) >= OFF:
         inner = np.flatnonzero(np.abs(np.diff(smoothed(delay))) > OFF) + 1
@@ -184,7 +186,7 @@ def recorded_evenly(streams: Sequence[Stream], base: int) -> Sequence[Stream]:
     if found is None:
         return streams
     stamp, log_time = longest.stamp[found.order], longest.log_time[found.order]
-    sizes = np.rint(np.diff(found.offsets) * 1e9).astype(np.int64)
+    sizes = np.rint(np.clip(np.diff(found.offsets), -LONGEST, LONGEST) * 1e9).astype(np.int64)
     sets = [
         (log_time[i - 1] + (log_time[i] - log_time[i - 1]) // 2, size)
         for i, size in zip(found.bounds[1:-1], sizes, strict=True)

@@ -21,25 +21,28 @@ SAME = 0.5
 def shifted(recording: Recording) -> dict[str, float]:
     """How far the stamps of robots are ahead of those of the others, s; only those that are.
 
-    Needs three robots that drive, or two and the ranges that others measured to the odd one.
+    Needs three robots that drive, most of which agree, or two and the ranges that others measured
+    to the odd one.
     """
     names = [name for name in recording.team.names if name in recording.odometry]
     if len(names) < 2:
         return {}
     ends = np.array([span(recording.odometry[name].stamp) for name in names])
+    usual = ends[::-1] if len(names) == 2 else np.tile(np.median(ends, axis=0), (len(names), 1))
+    off = ends - usual
+    odd = np.flatnonzero(np.max(np.abs(off), axis=1) > EQUAL)
+    if odd.size == 0 or (len(names) > 2 and 2 * odd.size >= len(names)):
+        return {}
     found: dict[str, float] = {}
-    for i, name in enumerate(names):
-        others = np.delete(ends, i, axis=0)
-        usual = np.median(others, axis=0)
-        off = ends[i] - usual
-        strange = np.min(np.abs(off)) >= OFF and abs(off[0] - off[1]) <= SAME
-        if strange and np.max(np.abs(others - usual)) <= EQUAL:
-            seen = seen_by_others(recording, recording.team.index(name))
-            nearer = seen.size > 0 and np.all(
-                np.abs(span(seen) - usual) < np.abs(span(seen) - ends[i])
-            )
-            if nearer or (seen.size == 0 and len(names) > 2):
-                found[name] = float(np.mean(off))
+    for i in odd.tolist():
+        if np.min(np.abs(off[i])) >= OFF and abs(off[i, 0] - off[i, 1]) <= SAME:
+            seen = seen_by_others(recording, recording.team.index(names[i]))
+            if seen.size == 0:
+                right = len(names) > 2
+            else:
+                right = bool(np.all(np.abs(span(seen) - usual[i]) < np.abs(span(seen) - ends[i])))
+            if right:
+                found[names[i]] = float(np.mean(off[i]))
     return found if len(found) == 0 or recorded_by_stamp(recording) else {}
 
 

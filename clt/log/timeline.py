@@ -30,6 +30,9 @@ LOG_TIME = '`stamp = "log_time"` in a streams file takes the times of recording 
 TOGETHER = 10_000_000_000
 """Steps of several clocks within this time are one, ns."""
 
+MOST_FINDINGS = 100
+"""Jumps beyond these are not looked at."""
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -229,10 +232,11 @@ def jumps(pieces: Sequence[Piece], group: Indices) -> list[Finding]:
     steps.sort()
     found: list[Finding] = []
     robots = {piece.stream.robot for piece in pieces}
-    while len(steps) > 0:
+    while len(steps) > 0 and len(found) < MOST_FINDINGS:
         when, size, _, _ = steps[0]
-        same = [one for one in steps if one[0] - when <= TOGETHER and abs(one[1] - size) <= OFF]
-        steps = [one for one in steps if one not in same]
+        near = [one[0] - when <= TOGETHER and abs(one[1] - size) <= OFF for one in steps]
+        same = [one for one, is_near in zip(steps, near, strict=True) if is_near]
+        steps = [one for one, is_near in zip(steps, near, strict=True) if not is_near]
         names = {one[3] for one in same}
         who = () if names == robots else tuple(sorted(names))
         text = f"stamps jump by {size:+.3f} s where times of recording do not"

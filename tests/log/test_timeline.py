@@ -283,3 +283,35 @@ def test_cut_keeps_what_lies_between(plain):
     nothing = cut(plain, 0, 1)
     assert nothing.odometry == {}
     assert first_stamp(nothing) is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_any_columns_make_parts_or_nothing(plain, seed):
+    """Times of any size, in any order."""
+    rng = np.random.default_rng(seed)
+    for _ in range(10):
+        largest = 10 ** rng.integers(1, 20, 2).astype(float)
+
+        def change(_, one, largest=largest):
+            n = min(int(rng.integers(1, 40)), one.stamp.size)
+            times = rng.random((2, n)) * np.minimum(largest, [2e18, 9.2e18])[:, None]
+            stamp, log_time = times.astype(np.int64)
+            keep = rng.random(n) < rng.random()
+            return rows(
+                replace(
+                    rows(one, slice(0, n)),
+                    stamp=np.sort(np.where(keep, one.stamp[:n], stamp)),
+                    log_time=np.where(keep, one.log_time[:n], log_time),
+                ),
+                slice(None),
+            )
+
+        recording = every_table(plain, change)
+        timeline = look(recording)
+        if timeline is not None:
+            for part in timeline.parts[:5]:
+                chosen = part_of(recording, timeline, part)
+                tables = (*chosen.odometry.values(), chosen.ranges)
+                assert all(np.all(np.diff(table.stamp) >= 0) for table in tables)
+                assert sum(table.stamp.size for table in tables) <= part.messages
+            assert len(faults_of(timeline, "x")) <= 3 * 4
