@@ -12,7 +12,8 @@ import typer
 if TYPE_CHECKING:
     from clt.cli.console import Console
     from clt.log.load import LoadedLog
-    from clt.log.timeline import Part, Timeline
+    from clt.log.parts import Part
+    from clt.log.timeline import Timeline
     from clt.streams import Recording
 
 From = Annotated[
@@ -95,7 +96,8 @@ def usable(loaded: LoadedLog, period: Period, console: Console) -> Recording:
     """
     from clt.errors import CltError
     from clt.log.excerpt import part_of
-    from clt.log.timeline import KINDS, faults_of, look
+    from clt.log.findings import KINDS
+    from clt.log.timeline import faults_of, look
 
     whole = loaded.recording
     console.report(tuple(fault for fault in whole.faults if fault.kind not in KINDS))
@@ -105,7 +107,9 @@ def usable(loaded: LoadedLog, period: Period, console: Console) -> Recording:
         return recording
     console.report(faults_of(timeline, loaded.path))
     part = timeline.parts[0]
-    console.warn(f"{loaded.path}: {used(timeline, part)}", partial=True)
+    text = used(timeline, part)
+    if len(text) > 0:
+        console.warn(f"{loaded.path}: {text}", partial=True)
     chosen = part_of(recording, timeline, part)
     lost = [
         what
@@ -127,7 +131,8 @@ def within(loaded: LoadedLog, period: Period) -> Recording:
     """What a period leaves of a log. Raises UsageError where that is nothing."""
     from clt.errors import UsageError
     from clt.log.excerpt import cut
-    from clt.log.timeline import first_stamp, moment
+    from clt.log.findings import moment
+    from clt.log.timeline import first_stamp
 
     recording = loaded.recording
     start = first_stamp(recording)
@@ -145,21 +150,26 @@ def within(loaded: LoadedLog, period: Period) -> Recording:
 
 
 def used(timeline: Timeline, part: Part) -> str:
-    """Which part is used, and how to get others."""
-    from clt.log.timeline import moment
+    """Which part is used, what of other clocks is not, and how to get other parts."""
+    from clt.log.findings import moment
 
     every = sum(one.messages for one in timeline.parts)
+    lines = []
+    if len(timeline.parts) > 1:
+        lines.append(
+            f"only the part with the most messages ({part.messages} of {every}) is used, from "
+            f"{moment(part.begin)} to {moment(part.end, later=True)}"
+        )
+    left = timeline.left_out(part)
+    if len(left) > 0:
+        lines.append(f"left out: {'; '.join(left)}")
     apart = [one for one in timeline.parts if one.end < part.begin or one.begin > part.end]
     others = [
-        f"--from {moment(one.begin)} --to {moment(one.end, later=True)} ({one.messages} messages)"
+        f"--from {moment(one.begin)} --to {moment(one.end, later=True)} (messages: {one.messages})"
         for one in apart[:OTHERS]
     ]
     if len(apart) > OTHERS:
         others.append(f"{len(apart) - OTHERS} more")
-    left = timeline.left_out(part)
-    rest = f"; others: {', '.join(others)}" if len(others) > 0 else ""
-    out = f"; left out: {', '.join(left)}" if len(left) > 0 else ""
-    return (
-        f"only the part with the most messages ({part.messages} of {every}) is used, from "
-        f"{moment(part.begin)} to {moment(part.end, later=True)}{out}{rest}"
-    )
+    if len(others) > 0:
+        lines.append(f"others: {', '.join(others)}")
+    return "; ".join(lines)

@@ -257,3 +257,8 @@ def alike(offsets: Floats) -> Indices:
     group = np.empty(offsets.size, np.int64)
     group[order] = np.append(0, np.cumsum(np.diff(offsets[order]) > OFF))
     return group
+
+
+def undelayed(piece: Piece) -> bool:
+    """Whether stamps stand for times of recording throughout: that tells of no clock."""
+    return bool(np.array_equal(piece.stamp, piece.log_time))

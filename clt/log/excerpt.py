@@ -8,7 +8,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from clt.log.timeline import MARGIN, Part, Timeline
+from clt.log.parts import Part
+from clt.log.timeline import MARGIN, Timeline
 from clt.streams import (
     Frames,
     Indices,

@@ -9,7 +9,9 @@ import pytest
 
 from clt.log.clocks import streams_of
 from clt.log.excerpt import cut, part_of
-from clt.log.timeline import faults_of, first_stamp, look, moment, runs
+from clt.log.findings import moment
+from clt.log.parts import runs
+from clt.log.timeline import faults_of, first_stamp, look
 from clt.streams import Odometry, Recording
 from tests.filters.teams import team_recording
 
