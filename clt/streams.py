@@ -193,6 +193,10 @@ class Fault:
     """One line for people: what, where, and what was done about it."""
     data_lost: bool = False
     """Part of the data was unusable: the command ends with exit code 3."""
+    subject: str = ""
+    """Whose it is, where that is known apart from the text: names of robots."""
+    values: Mapping[str, float] = field(default_factory=dict)
+    """Where it lies and how large it is, by names that end in the unit."""
 
 
 @dataclass(frozen=True)

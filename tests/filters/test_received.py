@@ -408,6 +408,21 @@ def test_epochs_are_arrivals_neither_too_close_nor_too_far_apart():
     assert epochs(arrival, 7, 7).tolist() == [7]
 
 
+def test_epochs_do_not_become_more_by_a_longer_pause():
+    before, after = np.arange(0, 1000, 50) * MS, np.arange(0, 1000, 50) * MS
+    hour = 3_600_000 * MS
+    counts = {}
+    for pause in (1, 24, 8760):
+        arrival = np.append(before, after + pause * hour)
+        found = epochs(arrival, 0, int(arrival[-1]))
+        counts[pause] = found.size
+        assert np.isin(arrival, found).all()
+        np.testing.assert_array_equal(found[:20], before)
+    assert set(counts.values()) == {before.size + after.size + 100}
+    other = before[-1] + np.arange(50, 20_000, 50) * MS
+    assert epochs(before, 0, int(other[-1]), [other]).size > 200
+
+
 @pytest.mark.parametrize("m", [1, 3, 8, 64])
 def test_a_held_twist_is_as_uncertain_as_it_turns_out(m):
     """Over 33 ms to 2 s, against the truth of many drives; the last sample's own error counts."""
