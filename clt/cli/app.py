@@ -15,7 +15,7 @@ from typing import Annotated
 import typer
 
 from clt import __version__
-from clt.cli.console import FAILED, INTERRUPTED
+from clt.cli.console import FAILED, INTERRUPTED, one_line
 from clt.cli.environment import check_environment
 from clt.cli.lazy import Row, lazy_group
 from clt.cli.stdio import prepare
@@ -73,7 +73,7 @@ def guard(command: Callable[..., int]) -> Callable[..., None]:
             code = command(*args, **kwargs)
             sys.stdout.flush()
         except CltError as error:
-            print(f"clt: error: {error}", file=sys.stderr)
+            print(f"clt: error: {one_line(str(error))}", file=sys.stderr)
             code = error.code
         except OSError as error:
             code = tell(error)
@@ -89,7 +89,8 @@ def tell(error: OSError) -> int:
     """Say what could not be read or written; a reader of our output that left needs no word."""
     if not isinstance(error, BrokenPipeError):
         place = f"{error.filename}: " if error.filename is not None else ""
-        print(f"clt: error: {place}{error.strerror or error}", file=sys.stderr)
+        text = one_line(f"{place}{error.strerror or error}")
+        print(f"clt: error: {text}", file=sys.stderr)
     try:
         sys.stdout.flush()
     except OSError:

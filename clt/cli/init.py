@@ -62,13 +62,11 @@ def init(
     """
     import json
 
-    from clt.calibration import apply, read_calibration
     from clt.cli.console import Console
-    from clt.cli.initial import METHODS, find
     from clt.cli.inputs import Inputs
     from clt.cli.localize import WANTED, choose, read_settings, require_data, with_ranges
+    from clt.cli.options import METHODS
     from clt.errors import UsageError
-    from clt.log.load import load
     from clt.log.output import STDOUT
 
     console = Console(quiet, verbose)
@@ -78,6 +76,12 @@ def init(
     inputs = Inputs.of(log, config=config, calibration=calibration, streams=streams)
     inputs.check(output, force)
     settings = read_settings(inputs["config"], sets)
+
+    # Slow to import: what stands above is refused at once.
+    from clt.calibration import apply, read_calibration
+    from clt.cli.initial import find
+    from clt.log.load import load
+
     loaded = load(log, inputs["streams"], WANTED)
     console.report(loaded.recording.faults)
     recording = with_ranges(loaded.recording, console)

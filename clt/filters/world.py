@@ -8,12 +8,12 @@ import numpy as np
 from scipy.special import chdtri
 
 from clt.filters import dpf, eskf, filterpy_engine, gaussian, mixture, particles, ukf
+from clt.filters.choices import View
 from clt.filters.posterior import Posterior
 from clt.filters.prior import Belief, moments, spread
 from clt.filters.problem import ABSOLUTE, Problem, lay_out
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Filter, Solution
-from clt.filters.space import View
 from clt.geometry import ANY_HEADING
 from clt.init.start import Start
 from clt.streams import Floats, Innovations, Poses, Recording, Stamps, no_ranges
