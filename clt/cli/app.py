@@ -56,6 +56,10 @@ COMMANDS = {
         "Turn the packets of a UWB broadcast network into ranges, as each robot would.",
     ),
     "info": Row("clt.cli.info:info", "Tell robots, pairs, rates, gaps, truth and faults of a log."),
+    "settings": Row(
+        "clt.cli.commands.settings:settings",
+        "List every key of --set with type, unit, default and one line.",
+    ),
     "recover": Row(
         "clt.cli.recover:recover",
         "Copy everything sound of a damaged log into a sound one, and say what was lost.",

@@ -55,7 +55,7 @@ SEGMENT = {"duration": 1.0, "v": 0.5, "omega": 0.0}
         ({"sensors.range.rate": 0}, "`sensors.range.rate`"),
         ({"sensors.odometry.twist": "average"}, "`sensors.odometry.twist`"),
         ({"trajectory": {"kind": "segments", "segments": []}}, "`trajectory.segments`"),
-        ({"trajectory": {"kind": "segments", "segments": [SEGMENT], "turn_radius": 0}}, "than 0"),
+        ({"trajectory": {"kind": "segments", "segments": [SEGMENT], "turn_radius": 0}}, "above 0"),
         (
             {
                 "trajectory": {
