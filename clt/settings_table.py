@@ -22,7 +22,6 @@ NAMES: dict[type, str] = {
     int: "whole number",
     str: "text",
     bool: "true or false",
-    dict: "table",
 }
 SIGNS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
 
@@ -107,8 +106,8 @@ def _words(annotation: Any) -> str:
     if origin in {Union, UnionType}:
         return " or ".join(_words(part) for part in parts if part is not NoneType)
     if origin is tuple:
-        number = "" if parts[-1] is Ellipsis else f"{len(parts)} "
-        return f"[{number}x {_words(parts[0])}]".replace("[x", "[any number x")
+        item = _words(parts[0])
+        return f"list of [{item}]" if parts[-1] is Ellipsis else f"[{len(parts)} x {item}]"
     if hasattr(annotation, "__metadata__"):
         inner = [
             bound
@@ -116,7 +115,7 @@ def _words(annotation: Any) -> str:
             for bound in (one.metadata if isinstance(one, FieldInfo) else [one])
         ]
         return f"{_words(parts[0])}{_bounds(inner)}"
-    return NAMES.get(annotation, getattr(annotation, "__name__", "value"))
+    return NAMES.get(annotation, "table")
 
 
 def _bounds(metadata: list[Any]) -> str:

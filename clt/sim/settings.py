@@ -183,7 +183,7 @@ class Radio(Settings):
     rate: Annotated[float, Field(gt=0.0, le=200.0)] = 100.0
     """Frames per second, Hz: in each every robot sends one packet."""
     slot: Positive | None = None
-    """From one robot's packet to the next one's, s; by default 0.001, or less if a frame is short."""
+    """From one robot's packet to the next one's, s; by default 0.001, or less in short frames."""
     sigma: NonNegative = 150e-12
     """Noise of a receive time stamp, s."""
     antenna_delay: NonNegative = 0.0
