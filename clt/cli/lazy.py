@@ -52,22 +52,21 @@ def lazy_group(
             self.called = name
             return name, None if command is None else self.load(command.name), rest
 
-        def main(self, *args: Any, standalone_mode: bool = True, **extra: Any) -> Any:
+        def main(self, args: Any = None, prog_name: str | None = None, **extra: Any) -> Any:
             """Run; on its own, end with an exit code and one line for a usage error."""
-            if not standalone_mode:
-                return super().main(*args, standalone_mode=False, **extra)
+            if not extra.pop("standalone_mode", True):
+                return super().main(args, prog_name, standalone_mode=False, **extra)
             self.called = None
             try:
-                code = super().main(*args, standalone_mode=False, **extra)
+                code = super().main(args, prog_name, standalone_mode=False, **extra)
             except TyperException as error:
-                if type(error).__name__ == "NoArgsIsHelpError":
-                    error.show()
-                    code = USAGE
-                else:
-                    from clt.cli.usage import usage_line
+                from clt.cli.usage import usage_line
 
+                code = USAGE
+                if type(error).__name__ == "NoArgsIsHelpError":
+                    print(error.format_message(), file=sys.stderr)
+                else:
                     print(f"clt: error: {usage_line(error, self.called)}", file=sys.stderr)
-                    code = USAGE
             sys.exit(code)
 
         def load(self, name: str | None) -> Any:

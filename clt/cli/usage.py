@@ -38,7 +38,7 @@ def usage_line(error: Any, command: str | None) -> str:
         text = f"{_hint(text)} {describe(fault)}"
     for form, ours in FORMS:
         text = re.sub(rf"^{form}$", ours, text, flags=re.DOTALL)
-    option = getattr(error, "option_name", None)
+    option = str(getattr(error, "option_name", ""))
     if text.startswith("no such option"):
         known = [name for one in error.ctx.command.params for name in one.opts]
         hint = nearest(option, known)
