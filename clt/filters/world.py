@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from clt.filters import dpf, eskf, filterpy_engine, gaussian, mixture, particles, ukf
+from clt.filters.choices import View
 from clt.filters.inputs import RangeTable
 from clt.filters.posterior import Posterior
 from clt.filters.prior import Belief, moments, spread
@@ -15,7 +16,7 @@ from clt.filters.problem import ABSOLUTE, Problem, lay_out
 from clt.filters.searches import found_again, not_found
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Filter, Solution
-from clt.filters.space import ERRORS, View
+from clt.filters.space import ERRORS
 from clt.geometry import ANY_HEADING
 from clt.init.start import Start
 from clt.streams import Floats, Innovations, Poses, Recording, Stamps
