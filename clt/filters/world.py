@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri
 
 from clt.filters import dpf, eskf, filterpy_engine, gaussian, mixture, particles, ukf
+from clt.filters.diagnosis import diagnosis
+from clt.filters.misfit import find_misfit
 from clt.filters.posterior import Posterior
 from clt.filters.prior import Belief, moments, spread
 from clt.filters.problem import ABSOLUTE, Problem, lay_out
@@ -20,10 +21,6 @@ from clt.streams import Floats, Innovations, Poses, Recording, Stamps, no_ranges
 
 UNIQUE = 0.999
 """A robot whose leading pose is less probable than this may be elsewhere."""
-BY_CHANCE = 1e-3
-"""Probability of a mean NIS that is not believed to be chance ..."""
-MISFIT = 1.3
-"""... if it is as large as this: smaller ones do no harm."""
 DROPPED = 0.01
 """Probability of hypotheses dropped for want of room that is worth a word."""
 LOST_SHARE = 0.5
@@ -172,29 +169,6 @@ def dropped(solution: Solution) -> tuple[str, ...]:
     return (line,)
 
 
-def misfit(problem: Problem, solution: Solution, filter_: str, *, decided: bool) -> tuple[str, ...]:
-    """A line where ranges scatter more than filter and sensors were told to.
-
-    `decided`: whether evidence of theirs has told several possible poses apart.
-    """
-    used = solution.verdict == eskf.USED
-    if not used.any():
-        return ()
-    nis = float(np.mean(solution.residual[used] ** 2 / solution.variance[used]))
-    table = problem.ranges
-    count = float(np.sum(table.variance[used] / table.weight_variance[used]))
-    most = float(chdtri(count, BY_CHANCE)) / count
-    if nis <= max(most, MISFIT):
-        return ()
-    line = (
-        f"the ranges scatter more than was told: mean NIS {nis:.2f} over {int(used.sum())} ranges, "
-        f"1 expected, {most:.2f} by chance at most; covariances are too small"
-    )
-    unsure = ", and what became unique may be wrong" if decided else ""
-    few = f", or {filter_}.particles, if they are too few" if filter_ in {"pf", "dpf"} else ""
-    return (f"{line}{unsure}: see noise.sigma_range, noise.scale, noise.bias, calibration{few}",)
-
-
 def shares(problem: Problem, solution: Solution, block: int) -> tuple[Floats, Stamps]:
     """Probability of a block's leading mode at each of its outputs, and their stamps (ns)."""
     own = problem.outputs.robot == block
@@ -245,17 +219,23 @@ def localize(
     """Filter a log. Raises CltError where nothing can be estimated."""
     problem = lay_out(recording, start, settings, estimator.view)
     solution = estimator.run(problem, settings)
-    return posterior_of(recording, problem, solution, estimator.filter)
+    return posterior_of(recording, problem, solution, settings, estimator.filter)
 
 
 def posterior_of(
-    recording: Recording, problem: Problem, solution: Solution, filter_: str
+    recording: Recording,
+    problem: Problem,
+    solution: Solution,
+    settings: FilterSettings,
+    filter_: str,
 ) -> Posterior:
     """A solution in the terms of the recording."""
     ends = [moments(solution.belief, b) for b in range(len(problem.robots))]
     unique = became_unique(problem, solution)
     decided = len(unique) > 0
-    doubtful = (*dropped(solution), *misfit(problem, solution, filter_, decided=decided))
+    names, source = recording.team.names, recording.ranges.source
+    misfit = find_misfit(problem, solution, settings, source, names)
+    crowded = dropped(solution)
     return Posterior(
         filter_,
         problem.robots,
@@ -268,13 +248,18 @@ def posterior_of(
             *calibrated(problem, solution.belief),
             *talk(solution),
         ),
-        (*problem.notes, *(() if decided else doubtful)),
+        (*problem.notes, *(() if decided else crowded)),
         (
             *problem.left_out,
             *found_again(problem, solution),
             *cut_off(problem, solution),
             *ambiguous(problem, solution),
-            *(doubtful if decided else ()),
+            *(crowded if decided else ()),
+            *(
+                ()
+                if misfit is None
+                else (diagnosis(misfit, problem, names, filter_, decided=decided),)
+            ),
         ),
         lost_robots(problem, solution),
         solution.traffic,
