@@ -68,7 +68,7 @@ def main() -> None:
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.seeds)
     lines = [
-        f"shi-sim, 300 s, seeds {seeds[0]} to {seeds[-1]} (`python benchmarks/floating_team.py`), 95 %:",
+        f"shi-sim, 300 s, seeds {seeds[0]} to {seeds[-1]}, with 95 % intervals:",
         "",
         "| static robots | Jacobians | position RMSE, m | ratio | heading RMSE, rad | ANEES / 3 |",
         "|---|---|---|---|---|---|",

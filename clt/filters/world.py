@@ -8,6 +8,7 @@ import numpy as np
 
 from clt.filters import dpf, eskf, filterpy_engine, gaussian, mixture, particles, ukf
 from clt.filters.diagnosis import diagnosis
+from clt.filters.finite import sane
 from clt.filters.misfit import find_misfit
 from clt.filters.posterior import Posterior
 from clt.filters.prior import Belief, moments, spread
@@ -97,13 +98,16 @@ def told(problem: Problem, block: int, covariance: Floats) -> Floats:
 def innovations(problem: Problem, solution: Solution, recording: Recording) -> Innovations:
     """One row per range that the filter saw."""
     row = problem.ranges.row
+    variance = np.where(solution.variance > 0.0, solution.variance, np.nan)
+    with np.errstate(over="ignore"):
+        nis = solution.residual**2 / variance
     return Innovations(
         problem.ranges.stamp,
         recording.ranges.source[row],
         recording.ranges.target[row],
         solution.residual,
-        np.sqrt(solution.variance),
-        solution.residual**2 / solution.variance,
+        np.sqrt(variance),
+        nis,
         solution.verdict != eskf.REJECTED,
     )
 
@@ -115,7 +119,8 @@ def lost_robots(problem: Problem, solution: Solution) -> tuple[str, ...]:
         own = problem.outputs.robot == i
         touched = (problem.ranges.a == i) | (problem.ranges.b == i)
         rejected = float(np.mean(solution.verdict[touched] != eskf.USED)) if touched.any() else 0.0
-        if not np.isfinite(solution.mean[own]).all() or rejected > LOST_SHARE:
+        numbers = sane(solution.mean[own], solution.covariance[own]).all()
+        if not numbers or rejected > LOST_SHARE:
             lost.append(name)
     return tuple(lost)
 
@@ -210,6 +215,17 @@ def cut_off(problem: Problem, solution: Solution) -> tuple[str, ...]:
     )
 
 
+def between_fixed(problem: Problem, recording: Recording) -> tuple[str, ...]:
+    """A line on the ranges between robots that are held fixed, which no estimate needs."""
+    ends = np.append(problem.ranges.a, problem.ranges.b)
+    fixed = -1 - np.unique(ends[ends < 0])
+    ranges = recording.ranges
+    count = int(np.sum(np.isin(ranges.source, fixed) & np.isin(ranges.target, fixed)))
+    if count == 0:
+        return ()
+    return (f"{count} ranges between static robots of known position are left out",)
+
+
 def localize(
     recording: Recording,
     start: Start,
@@ -247,6 +263,7 @@ def posterior_of(
             *unique,
             *calibrated(problem, solution.belief),
             *talk(solution),
+            *between_fixed(problem, recording),
         ),
         (*problem.notes, *(() if decided else crowded)),
         (
