@@ -57,6 +57,8 @@ def evaluate(
 ) -> int:
     """Score estimates against the truth, dead reckoning beside them.
 
+    Of several logs there is a row each; with -v all tables.
+
     Examples:
       clt evaluate out.mcap
       clt evaluate run*.mcap --align se2 --json -o runs.json
@@ -65,6 +67,7 @@ def evaluate(
 
     from clt.cli.console import FAILED, Console
     from clt.cli.inputs import Inputs
+    from clt.cli.numbers import without_nan
     from clt.cli.scoreboard import board, show, summary
     from clt.errors import CltError, UsageError
     from clt.metrics.errors import parse_delta
@@ -96,12 +99,12 @@ def evaluate(
                 continue
             found[str(log)] = evaluation
             objects.append(evaluation.as_dict(str(log)))
-            if not as_json:
+            if not as_json and (verbose or len(logs) == 1):
                 show(out, str(log), evaluation)
         if as_json:
             document = objects[0] if len(logs) == 1 else objects
-            print(json.dumps(document, allow_nan=False, indent=1), file=file)
-        elif len(found) > 1:
+            print(json.dumps(without_nan(document), allow_nan=False, indent=1), file=file)
+        elif len(logs) > 1 and len(found) > 0:
             summary(out, found)
     return FAILED if len(found) < len(objects) else console.code
 

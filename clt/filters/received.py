@@ -50,7 +50,8 @@ def replay(
     columns = {
         name: getattr(solution, name)[judged] for name in ("residual", "variance", "verdict")
     }
-    return posterior_of(recording, problem, replace(solution, **columns), estimator.filter)
+    solution = replace(solution, **columns)
+    return posterior_of(recording, problem, solution, settings, estimator.filter)
 
 
 def dead_reckon(
