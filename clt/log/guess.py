@@ -76,6 +76,9 @@ def guess(topics: Mapping[str, Topic]) -> list[Guess]:
     mentioned = dict.fromkeys(
         label for pair in pairs.values() if pair is not None for label in pair
     )
+    truth = [one for one in found if one.kind == "truth"]
+    if len(drivers) == 0:  # then what the reference system sees is the team
+        drivers = _reference(truth)
     robot_of_label = drivers | _same(list(mentioned), drivers)
     ranges = [
         one
@@ -84,8 +87,7 @@ def guess(topics: Mapping[str, Topic]) -> list[Guess]:
         for one in ranges
     ]
     ranges = [one for one in ranges if len(set(one.ends)) == len(one.ends)]
-    truth = _seen([one for one in found if one.kind == "truth"], robot_of_label)
-    return [*odometry, *truth, *ranges]
+    return [*odometry, *_seen(truth, robot_of_label), *ranges]
 
 
 def _kind(topic: Topic) -> Guess | None:
@@ -154,6 +156,13 @@ def _named(odometry: Sequence[Guess]) -> list[Guess]:
     return sorted(named, key=_doubtful)
 
 
+def _reference(truth: Sequence[Guess]) -> dict[str, str]:
+    """The robots that topics of truth name, by label."""
+    common = _common(one.topic for one in truth)
+    found = (robot_of(one.topic, common) for one in truth)
+    return {label: robot_name(label) for label in found if label is not None}
+
+
 def _doubtful(one: Guess) -> tuple[bool, bool]:
     """Sort key: what other sensors took part in comes last, and so does a bare twist."""
     said = words(one.topic)
@@ -201,15 +210,16 @@ def _seen(truth: Sequence[Guess], robots: Mapping[str, str]) -> list[Guess]:
     What shows no robot of the team is left out; with one robot and one truth these belong together.
     """
     common = _common(one.topic for one in truth)
-    names = [robot_of(one.topic, common) for one in truth]
     single = list(dict.fromkeys(robots.values()))
     found = []
-    for one, label in zip(truth, names, strict=True):
-        robot = None if label is None else _shown(label, robots)
-        if robot is None and len(truth) == len(single) == 1:
-            robot = single[0]
-        if robot is not None:
-            found.append(replace(one, ends=(robot,), labels=(label or robot,)))
+    for one in truth:
+        own = [label for label in labels(one.topic) if label not in common] or labels(one.topic)
+        pairs = [(label, shown) for label in own if (shown := _shown(label, robots)) is not None]
+        if len(pairs) == 0 and len(truth) == len(single) == 1:
+            pairs = [(single[0], single[0])]
+        if len(pairs) > 0:
+            label, robot = pairs[0]
+            found.append(replace(one, ends=(robot,), labels=(label,)))
     return found
 
 
