@@ -15,6 +15,7 @@ from clt.cli.topics import SHOWN as MOST
 from clt.cli.topics import guesses, table, unused
 from clt.log.load import LoadedLog
 from clt.log.summary import Rhythm, Summary
+from clt.printable import printable
 from clt.streams import Recording
 
 SHOWN = 20
@@ -37,7 +38,7 @@ def show(loaded: LoadedLog, summary: Summary, file: TextIO) -> None:
         console.width = 100
     recording = loaded.recording
     for line in heading(loaded, summary):
-        console.print(Text(line), soft_wrap=True)
+        console.print(Text(printable(line)), soft_wrap=True)
     if len(recording.team.robots) > 0:
         console.print(robots(recording, summary))
     if len(summary.pairs) > 0:

@@ -14,6 +14,8 @@ from rich.text import Text
 from clt.metrics.errors import Statistics
 from clt.metrics.evaluation import Evaluation
 from clt.metrics.scores import Score
+from clt.printable import name as shown
+from clt.printable import printable
 
 BASELINE = "  dead reckoning"
 NARROWEST = 80
@@ -52,8 +54,9 @@ def put(console: Console, table: Table) -> None:
 
 def heading(log: str, evaluation: Evaluation) -> str:
     """Which log, which filter, which frames."""
-    name = f"filter {evaluation.filter}, " if evaluation.filter is not None else ""
-    return f"{log}: {name}frame {evaluation.frame}, truth in {evaluation.truth_frame}"
+    name = f"filter {shown(evaluation.filter)}, " if evaluation.filter is not None else ""
+    frames = f"frame {shown(evaluation.frame)}, truth in {shown(evaluation.truth_frame)}"
+    return printable(f"{log}: {name}{frames}")
 
 
 def done(evaluation: Evaluation) -> str:

@@ -10,6 +10,7 @@ from rich.text import Text
 
 from clt.log.load import LoadedLog
 from clt.log.reader import Topic
+from clt.printable import name as shown
 
 SHOWN = 20
 """Topics in the table; the rest is in the JSON."""
@@ -60,5 +61,6 @@ def table(topics: list[Topic], about: Mapping[str, str]) -> Table:
     rows.add_column("may be")
     for topic in ordered[:SHOWN]:
         words = about.get(topic.name, "-")
-        rows.add_row(Text(topic.name), Text(topic.type), str(topic.count), Text(words))
+        first = Text(shown(topic.name)), Text(shown(topic.type))
+        rows.add_row(*first, str(topic.count), Text(shown(words)))
     return rows

@@ -8,15 +8,17 @@ import numpy as np
 from scipy.special import chdtri
 
 from clt.filters import dpf, eskf, filterpy_engine, gaussian, mixture, particles, ukf
+from clt.filters.inputs import RangeTable
 from clt.filters.posterior import Posterior
 from clt.filters.prior import Belief, moments, spread
 from clt.filters.problem import ABSOLUTE, Problem, lay_out
+from clt.filters.searches import found_again, not_found
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Filter, Solution
-from clt.filters.space import View
+from clt.filters.space import ERRORS, View
 from clt.geometry import ANY_HEADING
 from clt.init.start import Start
-from clt.streams import Floats, Innovations, Poses, Recording, Stamps, no_ranges
+from clt.streams import Floats, Innovations, Poses, Recording, Stamps
 
 UNIQUE = 0.999
 """A robot whose leading pose is less probable than this may be elsewhere."""
@@ -123,16 +125,6 @@ def lost_robots(problem: Problem, solution: Solution) -> tuple[str, ...]:
     return tuple(lost)
 
 
-def found_again(problem: Problem, solution: Solution) -> tuple[str, ...]:
-    """One line for each robot that the filter lost and searched for."""
-    return tuple(
-        f"{name} was lost {'once' if times == 1 else f'{times} times'}: most of its ranges "
-        "contradicted the estimate, so it was searched for anew"
-        for name, times in zip(problem.robots, solution.lost, strict=True)
-        if times > 0
-    )
-
-
 def became_unique(problem: Problem, solution: Solution) -> tuple[str, ...]:
     """One line for each block whose several possible poses came down to one; none of lost ones."""
     lines, lost = [], lost_robots(problem, solution)
@@ -205,14 +197,15 @@ def shares(problem: Problem, solution: Solution, block: int) -> tuple[Floats, St
 def calibrated(problem: Problem, belief: Belief) -> tuple[str, ...]:
     """One line for each driver whose odometry's errors were estimated."""
     lines = []
-    for d, name in enumerate(problem.drivers if problem.space.calibration >= 0 else ()):
-        s = problem.space.calibration + 2 * d
-        scale, sigma_scale = spread(belief, s)
-        bias, sigma_bias = spread(belief, s + 1)
-        if sigma_scale > 0.0 or sigma_bias > 0.0:
+    for name, s in zip(problem.drivers, problem.space.calibration.tolist(), strict=True):
+        if s >= 0:
+            (v, sigma_v), (omega, sigma_omega), (bias, sigma) = (
+                spread(belief, s + k) for k in range(ERRORS)
+            )
             lines.append(
-                f"odometry of {name}: scale {1.0 + scale:.4f} (sigma {sigma_scale:.4f}), "
-                f"bias {bias:+.4f} rad/s (sigma {sigma_bias:.4f})"
+                f"odometry of {name}: scale of v {1.0 + v:.4f} (sigma {sigma_v:.4f}), "
+                f"of omega {1.0 + omega:.4f} (sigma {sigma_omega:.4f}), "
+                f"bias {bias:+.4f} rad/s (sigma {sigma:.4f})"
             )
     return tuple(lines)
 
@@ -265,6 +258,7 @@ def posterior_of(
         np.array([told(problem, b, P[None])[0] for b, (_, P) in enumerate(ends)]),
         (
             *unique,
+            *not_found(problem, solution),
             *calibrated(problem, solution.belief),
             *talk(solution),
         ),
@@ -285,5 +279,7 @@ def dead_reckon(
     recording: Recording, start: Start, settings: FilterSettings, view: View = ABSOLUTE
 ) -> dict[str, Poses]:
     """Odometry alone from the same start: the baseline of every report."""
-    problem = lay_out(replace(recording, ranges=no_ranges()), start, settings, view)
+    problem = lay_out(recording, start, settings, view)
+    none = RangeTable._make(column[:0] for column in problem.ranges)
+    problem = replace(problem, ranges=none)
     return trajectories(problem, gaussian.solve_ekf(problem, settings))

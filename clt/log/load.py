@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from clt.document import Document
 from clt.errors import LogError
-from clt.log import convert, crew, packets, ranging
+from clt.log import convert, crew, packets, ranging, timeline
 from clt.log.metadata import TEAM, decode_run
 from clt.log.reader import Log, Topic, read
 from clt.log.roles import ALL, Roles, by_file, by_name, role_of
@@ -65,6 +65,8 @@ def load(
         mapped = resolve(mapped, log.topics, f"{streams}: {log.name}", log.faults)
     roles = by_name(log.topics, want) if mapped is None else by_file(mapped, want)
     recording = _recording(log, roles, mapped, brief)
+    clocks = timeline.faults_of(timeline.look(recording), log.name)
+    recording = replace(recording, faults=(*recording.faults, *clocks))
     return LoadedLog(
         recording,
         log.sha256,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from clt.errors import LogError
@@ -15,6 +15,7 @@ from clt.log.opened import Joined, Scanned, opened
 from clt.log.records import Document, Header, Metadata
 from clt.log.scan import Channel
 from clt.log.table import Messages
+from clt.log.wire import Budget
 from clt.streams import Attachment
 
 
@@ -58,6 +59,8 @@ class Log:
     gathered: Gathered
     files: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of each file of a bag's folder, by name."""
+    budget: Budget = field(default_factory=Budget)
+    """Of decoding."""
 
     def messages(self, topic: str) -> Messages:
         """The messages of a wanted topic, in file order."""
@@ -84,15 +87,7 @@ class Log:
         Raises LogError for a definition that makes no sense, PathError for an unknown field.
         """
         struct, messages = self.struct(topic), self.messages(topic)
-        schema = self.topics[topic].channels[0].schema
-        text = "" if schema is None else schema.data.decode("utf-8")
-
-        def ordinary(rest: Messages) -> template.Decoded:
-            from clt.log import ordinary as slow  # noqa: PLC0415 - seldom needed, slow to import
-
-            return slow.decode(rest, struct, text, paths)
-
-        return messages, template.decode(messages, struct, paths, ordinary)
+        return messages, template.decode(messages, struct, paths, self.budget)
 
 
 def read(path: Path, want: Callable[[str, str], bool]) -> Log:
@@ -106,6 +101,8 @@ def read(path: Path, want: Callable[[str, str], bool]) -> Log:
             return _read(scan, want)
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from None
+    except MemoryError:
+        raise LogError(f"{path}: memory ran out while reading it") from None
 
 
 def _read(scan: Scanned, want: Callable[[str, str], bool]) -> Log:
@@ -147,17 +144,13 @@ def _read(scan: Scanned, want: Callable[[str, str], bool]) -> Log:
 
 def _topics(channels: Sequence[Channel], gathered: Gathered) -> dict[str, Topic]:
     """Topics by name; a topic may have several channels, as in joined files."""
-    topics: dict[str, Topic] = {}
+    found: dict[str, list[Channel]] = {}
     for channel in channels:
-        count = gathered.counts[channel.number]
-        topic = topics.get(channel.topic)
-        if topic is None:
-            topics[channel.topic] = Topic(channel.topic, (channel,), count)
-        else:
-            topics[channel.topic] = replace(
-                topic, channels=(*topic.channels, channel), count=topic.count + count
-            )
-    return topics
+        found.setdefault(channel.topic, []).append(channel)
+    return {
+        name: Topic(name, tuple(several), sum(gathered.counts[one.number] for one in several))
+        for name, several in found.items()
+    }
 
 
 def _nothing(scan: Scanned) -> str:

@@ -85,7 +85,10 @@ def role_of(topic: str) -> tuple[str, Role] | None:
 def natural(text: str) -> list[tuple[int, str]]:
     """Sort key that counts as people do: R2 before R10."""
     parts = re.split(r"([0-9]+)", text)
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
+    numbers = (part.lstrip("0") for part in parts[1::2])
+    keys = [(-1, part) for part in parts]
+    keys[1::2] = [(len(digits), digits) for digits in numbers]
+    return keys
 
 
 def by_name(topics: Iterable[str], want: frozenset[str]) -> Roles:

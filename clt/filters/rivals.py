@@ -1,0 +1,142 @@
+"""Other beliefs about robots that look lost: positions that fit their ranges, in all headings."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from clt.filters.inputs import RangeTable
+from clt.filters.prior import Belief
+from clt.streams import Floats, Indices
+
+HEADINGS = 8
+"""How many headings are tried, evenly spaced from that which is believed."""
+LOST_POSITION, LOST_HEADING = 0.5, np.pi / HEADINGS
+"""Standard deviations of a rival's x and y (m, at least) and heading (rad)."""
+OUTLYING = 0.3
+"""Range errors beyond this count less and less in a position, m."""
+APART = 1.0
+"""Positions that are closer than this are one, m."""
+
+
+class Links(NamedTuple):
+    """The first range of each pair of which one end is lost."""
+
+    ends: Indices
+    """Blocks, negative for a fixed end, shape (m, 2)."""
+    fixed: Floats
+    """Position of the fixed end, shape (m, 2), m."""
+    range: Floats
+    """m."""
+
+
+def links_of(ranges: RangeTable, lost: Indices) -> Links:
+    """The first range of each pair that the `lost` blocks have."""
+    use = np.flatnonzero(np.isin(ranges.a, lost) | np.isin(ranges.b, lost))
+    ends = np.stack([ranges.a[use], ranges.b[use]], axis=1)
+    _, first = np.unique(np.sort(ends, axis=1), axis=0, return_index=True)
+    rows = use[np.sort(first)]
+    return Links(
+        np.stack([ranges.a[rows], ranges.b[rows]], axis=1), ranges.anchor[rows], ranges.range[rows]
+    )
+
+
+def rivals_of(belief: Belief, lever: Floats, ranges: RangeTable, lost: Indices) -> list[Belief]:
+    """A belief for each position and heading that the `lost` blocks (L,) may have instead.
+
+    All of them are tried together: the k-th rival of each position turns them all by the same
+    angle. Headings that are near those believed come first.
+    """
+    links, mean = links_of(ranges, lost), belief.mean[0]
+    turns = [(k + 1) // 2 * (-1) ** k * 2.0 * np.pi / HEADINGS for k in range(HEADINGS)]
+    made = []
+    for places, error in positions(mean, lever, links, lost):
+        for turn in turns:
+            x = mean.copy()
+            x[3 * lost], x[3 * lost + 1] = places.T
+            x[3 * lost + 2] += turn
+            x[: 3 * lever.shape[0]].reshape(-1, 3)[lost, :2] -= arms(x, lever)[lost]
+            sigma = max(LOST_POSITION, error), LOST_HEADING
+            made.append(
+                Belief(np.zeros(1), x[None], widened(belief.covariance[0], lost, sigma)[None])
+            )
+    return made
+
+
+def widened(P: Floats, lost: Indices, sigma: tuple[float, float]) -> Floats:
+    """A covariance (N, N) that knows the `lost` blocks to `sigma` (m, rad) only."""
+    P = P.copy()
+    for first in 3 * lost:
+        own = slice(first, first + 3)
+        P[own, :] = P[:, own] = 0.0
+        P[own, own] = np.diag([sigma[0] ** 2, sigma[0] ** 2, sigma[1] ** 2])
+    return P
+
+
+def positions(
+    mean: Floats, lever: Floats, links: Links, lost: Indices
+) -> list[tuple[Floats, float]]:
+    """Where the `lost` blocks may be, (L, 2), the nearest first, and how far ranges miss that, m.
+
+    The second, if there is one, is their mirror image in the line through their partners.
+    """
+    from scipy.optimize import least_squares  # noqa: PLC0415 - slow, and seldom needed
+
+    places = mean[: 3 * lever.shape[0]].reshape(-1, 3)[:, :2] + arms(mean, lever)
+    old = places[lost]
+    spread = max(float(np.max(np.abs(misses(places, links)), initial=0.0)), LOST_POSITION)
+
+    def errors(free: Floats) -> Floats:
+        at = places.copy()
+        at[lost] = free.reshape(-1, 2)
+        back = OUTLYING / spread * (free - old.ravel())
+        return np.concatenate([misses(at, links), back])
+
+    def fit(begin: Floats) -> tuple[Floats, float]:
+        found = least_squares(errors, begin.ravel(), loss="cauchy", f_scale=OUTLYING)
+        miss = found.fun[: links.range.size]
+        return found.x.reshape(-1, 2), float(np.median(np.abs(miss)))
+
+    best = fit(old)
+    at = places.copy()
+    at[lost] = best[0]
+    other = fit(mirrored(at, links, lost))
+    if np.max(np.hypot(*(other[0] - best[0]).T)) < APART:
+        return [best]
+    return [best, other]
+
+
+def arms(mean: Floats, lever: Floats) -> Floats:
+    """From the pose of each block in a state (N,) to its antenna, in its frame, (B, 2), m."""
+    theta = mean[2 : 3 * lever.shape[0] : 3]
+    c, s = np.cos(theta), np.sin(theta)
+    turned: Floats = np.stack([c, -s, s, c], axis=1).reshape(-1, 2, 2) @ lever[:, :, None]
+    return turned[:, :, 0]
+
+
+def partners(places: Floats, links: Links, end: int) -> Floats:
+    """Where that `end` (0 or 1) of each link is, shape (m, 2), m."""
+    i = links.ends[:, end]
+    at: Floats = np.where(i[:, None] < 0, links.fixed, places[np.maximum(i, 0)])
+    return at
+
+
+def misses(places: Floats, links: Links) -> Floats:
+    """By how much each range is shorter than the distance, m."""
+    line = partners(places, links, 0) - partners(places, links, 1)
+    length: Floats = np.hypot(line[:, 0], line[:, 1])
+    return length - links.range
+
+
+def mirrored(places: Floats, links: Links, lost: Indices) -> Floats:
+    """The lost blocks' positions mirrored in the line that fits their partners best, (L, 2), m."""
+    images = []
+    for i in lost:
+        others = [partners(places, links, 1 - end)[links.ends[:, end] == i] for end in (0, 1)]
+        points = np.concatenate(others)
+        middle = points.mean(axis=0)
+        along = np.linalg.svd(points - middle)[2][0]
+        arm = places[i] - middle
+        images.append(middle + 2.0 * (arm @ along) * along - arm)
+    return np.array(images)
