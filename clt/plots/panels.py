@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from clt.metrics.align import Transform
@@ -67,7 +68,8 @@ def trajectories(axes: Axes, recording: Recording, evaluation: Evaluation) -> No
     axes.margins(0.1)
     turn_names(axes)
     quiet(axes)
-    _key(axes, static=not evaluation.relative and len(recording.team.static) > 0)
+    static = not evaluation.relative and len(recording.team.static) > 0
+    _key(axes, static=static, bounded=len(axes.patches) > 0)
 
 
 def _unscored(
@@ -137,16 +139,18 @@ def _static(axes: Axes, recording: Recording, evaluation: Evaluation) -> None:
             axes.plot(*place[:2], "s", color=INK, markersize=10, fillstyle="none", zorder=5)
 
 
-def _key(axes: Axes, *, static: bool) -> None:
-    lines = [
+def _key(axes: Axes, *, static: bool, bounded: bool) -> None:
+    lines: list[Line2D | Patch] = [
         Line2D([], [], color=colour(0), linewidth=1.5, label="estimate"),
         Line2D([], [], color=INK, linewidth=0.8, dashes=(5, 4), label="truth"),
         Line2D([], [], color=GREY, linewidth=0.7, label="dead reckoning"),
     ]
+    if bounded:
+        lines.append(Patch(facecolor=colour(0), alpha=0.3, label="3-sigma ellipse"))
     if static:
         lines.append(Line2D([], [], color=INK, marker="s", linestyle="", label="static robot"))
     axes.figure.legend(
-        handles=lines, ncols=4, loc="lower left", bbox_to_anchor=(0.045, 0.0), handlelength=2.2
+        handles=lines, ncols=5, loc="lower left", bbox_to_anchor=(0.045, 0.0), handlelength=2.2
     )
 
 
