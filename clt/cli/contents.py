@@ -47,7 +47,10 @@ def show(loaded: LoadedLog, summary: Summary, file: TextIO) -> None:
             console.print(f"{len(summary.pairs) - SHOWN} more pairs: clt info --json\n")
     rest = unused(loaded)
     if len(rest) > 0:
-        console.print(table(rest, guesses(loaded)))
+        about = guesses(loaded)
+        console.print(table(rest, about))
+        if len(about) > 0:
+            console.print("clt streams drafts a file for --streams that names these topics\n")
         if len(rest) > MOST:
             console.print(f"{len(rest) - MOST} more topics: clt info --json\n")
 

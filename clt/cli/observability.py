@@ -288,8 +288,8 @@ def picture(
 ) -> None:
     """Draw the windows."""
     from clt.log.output import STDOUT
-    from clt.plots.figure import FORMS as KINDS
     from clt.plots.observability import draw
+    from clt.plots.style import FORMS as KINDS
 
     form = KINDS[".png" if output == STDOUT else output.suffix.lower()]
     with inputs.output(output, force) as file:

@@ -42,7 +42,8 @@ def draft(topics: Mapping[str, Topic], guesses: Sequence[Guess], truth: Mapping[
         for key, group in (("odometry", odometry), ("ground_truth", seen))
     }
     text = HEAD + "".join(_top(patterns, seen, truth))
-    aliases = _aliases(ranges)
+    groups = _groups(ranges)
+    aliases = _aliases([one for group in groups.values() if len(group) > 1 for one in group])
     for name in robots_of(first):
         lines = list(
             _robot(odometry.get(name), seen.get(name), aliases.get(name, []), patterns, truth)
@@ -50,7 +51,7 @@ def draft(topics: Mapping[str, Topic], guesses: Sequence[Guess], truth: Mapping[
         lines += _ids(name, ranges)
         if len(lines) > 0:
             text += f"\n[robots.{name}]\n" + "".join(lines)
-    text += "".join(_ranges(ranges))
+    text += "".join(_ranges(groups))
     used = {one.topic for one in first}
     return text + "".join(_unused(topics, used, guesses))
 
@@ -97,8 +98,12 @@ def _for_all(group: Sequence[Guess], topics: Mapping[str, Topic]) -> str | None:
     if len(group) < MANY or len(found) != 1 or any("{robot}" not in text for text in found):
         return None
     pattern = found.pop()
-    fits = {topic for topic in topics if compiled(pattern).fullmatch(topic) is not None}
-    return pattern if fits == {one.topic for one in group} else None
+    fits = {
+        topic: match["robot"]
+        for topic in topics
+        if (match := compiled(pattern).fullmatch(topic)) is not None
+    }
+    return pattern if fits == {one.topic: one.ends[0] for one in group} else None
 
 
 def _robot(
@@ -154,26 +159,31 @@ def _ids(name: str, ranges: Sequence[Guess]) -> list[str]:
     return [_line(f"# id = {number or 1}", "as clt_msgs/Range names it")]
 
 
-def _ranges(ranges: Sequence[Guess]) -> Iterator[str]:
-    """The tables of the ranges: patterns where several topics have one shape."""
-    groups: dict[tuple[str, str, str | None], list[Guess]] = {}
+Groups = dict[tuple[str, str, str | None], list[Guess]]
+
+
+def _groups(ranges: Sequence[Guess]) -> Groups:
+    """Topics of ranges by shape, type and field."""
+    groups: Groups = {}
     for one in ranges:
-        shape = _shape(one) or one.topic
-        groups.setdefault((shape, one.type, one.field), []).append(one)
+        groups.setdefault((_shape(one) or one.topic, one.type, one.field), []).append(one)
+    return groups
+
+
+def _ranges(groups: Groups) -> Iterator[str]:
+    """The tables of the ranges: patterns where several topics have one shape."""
     for (shape, kind, field), group in groups.items():
         one, many = group[0], len(group) > 1
         count = sum(other.count for other in group)
         total = f"{len(group)} topics, " if many else ""
-        lines = [
-            _line(
-                f"topic = {quoted(shape if many else one.topic)}",
-                f"{total}{kind}, {count} messages",
-            )
-        ]
+        topic = quoted(shape if many else one.topic)
+        lines = [_line(f"topic = {topic}", f"{total}{kind}, {count} messages")]
         if field is not None:
             lines.append(_line(f"field = {quoted(field)}", f"of {kind}"))
         if not many and len(one.ends) == 2:
-            lines += [f"source = {quoted(one.ends[0])}\n", f"target = {quoted(one.ends[1])}\n"]
+            for key, robot, label in zip(("source", "target"), one.ends, one.labels, strict=True):
+                why = "" if label == robot else f"{label}, by the number: check it"
+                lines.append(_line(f"{key} = {quoted(robot)}", why))
         if len(one.ends) == 2 or kind == OURS:
             yield "\n[[ranges]]\n" + "".join(lines) + SIGMA
         else:

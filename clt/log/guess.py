@@ -29,6 +29,8 @@ from clt.log.words import (
 Kind = Literal["odometry", "truth", "range"]
 LIKELY = ("range", "distance", "dist", "value", "data", "range_m", "distance_m")
 """Fields of other types that may hold a range."""
+MOST = 2000
+"""More topics than this are not looked at."""
 STANDING = ("anchor", "beacon", "base", "a")
 """Letters of labels that are hardly those of a robot with the same number."""
 
@@ -64,9 +66,8 @@ def guess(topics: Mapping[str, Topic]) -> list[Guess]:
     Robots have the name that their odometry's topic gives them, others that of the topic that
     mentions them; letters, digits and `_` only.
     """
-    found = [
-        one for name in sorted(topics, key=natural) if (one := _kind(topics[name])) is not None
-    ]
+    names = sorted(topics, key=natural)[:MOST]
+    found = [one for name in names if (one := _kind(topics[name])) is not None]
     odometry = _named([one for one in found if one.kind == "odometry"])
     drivers = {
         label: robot for one in odometry for label, robot in zip(one.labels, one.ends, strict=True)
@@ -76,6 +77,9 @@ def guess(topics: Mapping[str, Topic]) -> list[Guess]:
     mentioned = dict.fromkeys(
         label for pair in pairs.values() if pair is not None for label in pair
     )
+    truth = [one for one in found if one.kind == "truth"]
+    if len(drivers) == 0:  # then what the reference system sees is the team
+        drivers = _reference(truth)
     robot_of_label = drivers | _same(list(mentioned), drivers)
     ranges = [
         one
@@ -84,8 +88,7 @@ def guess(topics: Mapping[str, Topic]) -> list[Guess]:
         for one in ranges
     ]
     ranges = [one for one in ranges if len(set(one.ends)) == len(one.ends)]
-    truth = _seen([one for one in found if one.kind == "truth"], robot_of_label)
-    return [*odometry, *truth, *ranges]
+    return [*odometry, *_seen(truth, robot_of_label), *ranges]
 
 
 def _kind(topic: Topic) -> Guess | None:
@@ -154,6 +157,13 @@ def _named(odometry: Sequence[Guess]) -> list[Guess]:
     return sorted(named, key=_doubtful)
 
 
+def _reference(truth: Sequence[Guess]) -> dict[str, str]:
+    """The robots that topics of truth name, by label."""
+    common = _common(one.topic for one in truth)
+    found = (robot_of(one.topic, common) for one in truth)
+    return {label: robot_name(label) for label in found if label is not None}
+
+
 def _doubtful(one: Guess) -> tuple[bool, bool]:
     """Sort key: what other sensors took part in comes last, and so does a bare twist."""
     said = words(one.topic)
@@ -201,29 +211,36 @@ def _seen(truth: Sequence[Guess], robots: Mapping[str, str]) -> list[Guess]:
     What shows no robot of the team is left out; with one robot and one truth these belong together.
     """
     common = _common(one.topic for one in truth)
-    names = [robot_of(one.topic, common) for one in truth]
     single = list(dict.fromkeys(robots.values()))
+    exact = {robot.lower(): robot for robot in single}
+    exact |= {label.lower(): robot for label, robot in robots.items()}
+    numbered: dict[int | None, dict[str, str]] = {}
+    for label, robot in robots.items():
+        numbered.setdefault(number_of(label), {})[letters_of(label)] = robot
+    numbered.pop(None, None)
     found = []
-    for one, label in zip(truth, names, strict=True):
-        robot = None if label is None else _shown(label, robots)
-        if robot is None and len(truth) == len(single) == 1:
-            robot = single[0]
-        if robot is not None:
-            found.append(replace(one, ends=(robot,), labels=(label or robot,)))
+    for one in truth:
+        own = [label for label in labels(one.topic) if label not in common] or labels(one.topic)
+        pairs = [
+            (label, shown)
+            for label in own
+            if (shown := exact.get(label.lower()) or _shown(label, numbered)) is not None
+        ]
+        if len(pairs) == 0 and len(truth) == len(single) == 1:
+            pairs = [(single[0], single[0])]
+        if len(pairs) > 0:
+            label, robot = pairs[0]
+            found.append(replace(one, ends=(robot,), labels=(label,)))
     return found
 
 
-def _shown(label: str, robots: Mapping[str, str]) -> str | None:
-    low = label.lower()
-    for other, robot in robots.items():
-        if low in {other.lower(), robot.lower()}:
-            return robot
+def _shown(label: str, numbered: Mapping[int | None, Mapping[str, str]]) -> str | None:
+    """The one robot of the same number whose letters are alike."""
     number, letters = number_of(label), letters_of(label)
-    like = {
-        robot
-        for other, robot in robots.items()
-        if number is not None and number_of(other) == number and _alike(letters, letters_of(other))
-    }
+    if number is None:
+        return None
+    others = numbered.get(number, {})
+    like = {robot for other, robot in others.items() if _alike(letters, other)}
     return like.pop() if len(like) == 1 else None
 
 

@@ -102,7 +102,10 @@ def _recording(log: Log, roles: Roles, mapped: StreamsFile | None, brief: bool) 
         team = crew.told(log) or crew.inferred(log, measured, framed)
         roles = crew.known_only(log, roles, team)
         if len(team.robots) == 0:
-            text = "no topic is named as clt names them: `clt streams` drafts a file for --streams"
+            text = (
+                "no topic is named as clt names them; `clt streams` drafts a file for --streams: "
+                f"{_list(log)}"
+            )
             log.faults.add("unmapped", "topics", text)
     ranges = ranging.join(log, [one for _, one in measured], team, brief)
     odometry = {name: convert.odometry(log, stream) for name, stream in roles.odometry.items()}
@@ -141,3 +144,8 @@ def _check_readable(log: Log) -> None:
         f"{log.name}: profile `{log.header.profile}` with {'/'.join(kinds) or 'unnamed'} messages "
         f"({'/'.join(told) or 'no'} schemas); clt reads profile `ros2`: cdr with ros2msg schemas"
     )
+
+
+def _list(log: Log) -> str:
+    shown = [f"{topic.name} ({topic.type})" for topic in log.topics.values()]
+    return ", ".join(shown[:8]) + (f" and {len(shown) - 8} more" if len(shown) > 8 else "")

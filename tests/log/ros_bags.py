@@ -77,6 +77,7 @@ def team(seconds=30.0, *, kind="float"):
 
     tb1 and tb2 drive circles (0.3 m/s); the beacon stands at (3, 1).
     """
+
     def stamps(rate):
         return START + np.round(np.arange(0.0, seconds, 1.0 / rate) * SECOND).astype(int)
 
@@ -105,11 +106,12 @@ def team(seconds=30.0, *, kind="float"):
             rows.append((int(stamp), (0.3, float(turned / ((stamp - before) / SECOND)))))
             before = stamp
         topics[f"/{name}/odom"] = ("odom", rows)
-    topics["/mocap/tb1/pose"] = ("pose", [(int(t), tuple(map(float, pose("tb1", t)))) for t in stamps(10.0)])
+    topics["/mocap/tb1/pose"] = (
+        "pose",
+        [(int(t), tuple(map(float, pose("tb1", t)))) for t in stamps(10.0)],
+    )
     for a, b in (("tb1", "tb2"), ("tb1", "beacon"), ("tb2", "beacon")):
-        rows = [
-            (int(t), (float(np.hypot(*(place(a, t) - place(b, t)))),)) for t in stamps(5.0)
-        ]
+        rows = [(int(t), (float(np.hypot(*(place(a, t) - place(b, t)))),)) for t in stamps(5.0)]
         topics[f"/uwb/{a}/{b}"] = (kind, rows)
     topics["/rosout"] = ("text", [(START, ()), (START + SECOND, ())])
     return topics
