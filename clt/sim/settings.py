@@ -162,9 +162,9 @@ class Oscillator(Settings):
 
     skew: Annotated[float, Field(ge=0.0, le=1e-4)] = 10e-6
     """Rate errors are uniform up to this, either way."""
-    skew_walk: NonNegative = 1e-10
+    skew_walk: Annotated[float, Field(ge=0.0, le=1e-4)] = 1e-10
     """Random walk of the rate, per square root of a second."""
-    phase_walk: NonNegative = 1e-11
+    phase_walk: Annotated[float, Field(ge=0.0, le=1e-4)] = 1e-11
     """Random walk of the time itself, s, per square root of a second."""
     warm_up: Annotated[float, Field(ge=0.0, le=1e-4)] = 0.0
     """Extra rate errors at the start are uniform up to this, either way, and die out."""
