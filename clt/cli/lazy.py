@@ -6,7 +6,8 @@ The work of `clt --help` does not grow with the options of the commands.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -52,13 +53,22 @@ def lazy_group(
             self.called = name
             return name, None if command is None else self.load(command.name), rest
 
-        def main(self, args: Any = None, prog_name: str | None = None, **extra: Any) -> Any:
+        def main(
+            self,
+            args: Sequence[str] | None = None,
+            prog_name: str | None = None,
+            complete_var: str | None = None,
+            standalone_mode: bool = True,
+            windows_expand_args: bool = True,
+            **extra: Any,
+        ) -> Any:
             """Run; on its own, end with an exit code and one line for a usage error."""
-            if not extra.pop("standalone_mode", True):
-                return super().main(args, prog_name, standalone_mode=False, **extra)
+            run = partial(super().main, args, prog_name, complete_var, False, windows_expand_args)
+            if not standalone_mode:
+                return run(**extra)
             self.called = None
             try:
-                code = super().main(args, prog_name, standalone_mode=False, **extra)
+                code = run(**extra)
             except TyperException as error:
                 from clt.cli.usage import usage_line
 

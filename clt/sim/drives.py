@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from clt.settings import Settings
-from clt.sim.values import NonNegative, Positive, off
+from clt.sim.values import NonNegative, Number, Positive, off
 
 
 class Wander(Settings):
@@ -34,8 +34,8 @@ class Segment(Settings):
     """Driving with a constant twist."""
 
     duration: Positive
-    v: float
-    omega: float
+    v: Number
+    omega: Number
 
 
 class Segments(Settings):

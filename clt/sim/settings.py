@@ -8,7 +8,19 @@ from pydantic import Field, model_validator
 
 from clt.settings import Settings
 from clt.sim.drives import Trajectory
-from clt.sim.values import Area, Count, Name, NonNegative, Point, Pose, Positive, Rate, Share, off
+from clt.sim.values import (
+    Area,
+    Count,
+    Name,
+    NonNegative,
+    Number,
+    Point,
+    Pose,
+    Positive,
+    Rate,
+    Share,
+    off,
+)
 from clt.streams import Twist
 
 PairSet = Literal["all", "moving-static", "moving-moving"]
@@ -92,7 +104,7 @@ class OdometrySensor(Settings):
     """Measured over true v of every robot."""
     scale_omega: Positive = 1.0
     """Measured over true omega of every robot."""
-    bias_omega: float = 0.0
+    bias_omega: Number = 0.0
     """Measured omega of every robot at rest, rad/s."""
     scale_sd: NonNegative = off(0.0)
     """Each robot's scales of v and of omega are off by errors of its own, relative; this is their
@@ -113,7 +125,7 @@ class RangeSensor(Settings):
     """Ranges of a pair per second, Hz."""
     sigma: NonNegative = 0.1
     """Noise of one range, m."""
-    bias: float = 0.0
+    bias: Number = 0.0
     """What every range is too long by, m."""
     pairs: PairSet | tuple[tuple[Name, Name], ...] = "all"
     """Which pairs measure; a list names the measuring end first."""
@@ -162,9 +174,9 @@ class Oscillator(Settings):
 
     skew: Annotated[float, Field(ge=0.0, le=1e-4)] = 10e-6
     """Rate errors are uniform up to this, either way."""
-    skew_walk: NonNegative = 1e-10
+    skew_walk: Annotated[float, Field(ge=0.0, le=1e-4)] = 1e-10
     """Random walk of the rate, per square root of a second."""
-    phase_walk: NonNegative = 1e-11
+    phase_walk: Annotated[float, Field(ge=0.0, le=1e-4)] = 1e-11
     """Random walk of the time itself, s, per square root of a second."""
     warm_up: Annotated[float, Field(ge=0.0, le=1e-4)] = 0.0
     """Extra rate errors at the start are uniform up to this, either way, and die out."""
@@ -208,7 +220,7 @@ class Network(Settings):
     batch: NonNegative = off(0.0)
     """Period, s, at which a robot sends what it has gathered: a message waits for its end. Each
     robot's periods begin at a random time."""
-    clock_mean: float = off(0.0)
+    clock_mean: Number = off(0.0)
     """What a robot's clock is ahead of true time by on average, s."""
     clock_sd: NonNegative = off(0.0)
     """A robot's clock, and so every stamp of its messages, is ahead of true time by a constant that

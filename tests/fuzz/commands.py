@@ -100,6 +100,8 @@ def main() -> int:
             for line in case(number, given.seed, Path(place)):
                 found += 1
                 print(line, flush=True)
+            if number % 1000 == 999:
+                print(f"{number + 1} done", file=sys.stderr)
     print(f"{found} findings in {given.count} commands, seed {given.seed}")
     return int(found > 0)
 

@@ -1,7 +1,7 @@
 """Hostile values for every key of `--set`, of files, of the environment and of scenarios.
 
-Run: python -m tests.fuzz.settings --count N [--seed S] [--only NUMBER]. Every finding is printed with
-its number, which `--only` repeats alone. Exit code 1 when there is one.
+Run: python -m tests.fuzz.settings --count N [--seed S] [--only NUMBER]. Every finding is printed
+with its number, which `--only` repeats alone. Exit code 1 when there is one.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ VALUES = (
     "07:32:00", "9223372036854775807", "9223372036854775808", "-9223372036854775809", "1_000",
     "0x10", "1e400", "1" + 400 * "0", 5000 * "9", 200 * "[" + 200 * "]", 3000 * "[" + 3000 * "]",
     "R1-R2", "all", "none", "\x1b[2J", "a\nb = 1", "1 # c", "\u0661", "\ud800", 10_000 * "x", "",
-    "[['R1', 'R2']]", "[{ name = 'R1' }, { name = 'R1' }]", "[{ duration = 1, v = 1e300, omega = 1 }]",
+    "[['R1', 'R2']]", "[{ name = 'R1' }, { name = 'R1' }]",
+    "[{ duration = 1, v = 1e300, omega = 1 }]",
 )  # fmt: skip
 SHORT = ["--set", "duration=0.5", "--set", "team.moving=2", "--set", "team.static=2"]
 COSTLY = ("rate", "moving", "static", "duration", "particles", "gaussians", "iterations")
@@ -125,6 +126,8 @@ def main() -> int:
             for line in case(number, given.seed, Path(place)):
                 found += 1
                 print(line, flush=True)
+            if number % 1000 == 999:
+                print(f"{number + 1} done", file=sys.stderr)
     print(f"{found} findings in {len(numbers)} settings, seed {given.seed}")
     return int(found > 0)
 

@@ -55,15 +55,13 @@ def settings(
 def chosen(key: str | None, of: str) -> list[Key]:
     """The keys of a command that are `key` or below it. Raises UsageError naming the nearest."""
     from clt.errors import UsageError
+    from clt.filters.settings import FilterSettings
     from clt.settings import nearest
     from clt.settings_table import keys_of
+    from clt.sim.scenario import Scenario
     from clt.validation import short
 
-    if of == "simulate":
-        from clt.sim.scenario import Scenario as Model
-    else:
-        from clt.filters.settings import FilterSettings as Model
-    every = keys_of(Model)
+    every = keys_of(Scenario if of == "simulate" else FilterSettings)
     if key is None:
         return every
     found = [one for one in every if one.name == key or one.name.startswith(f"{key}.")]
