@@ -61,6 +61,10 @@ COMMANDS = {
         "Write a first streams.toml for a foreign log, guessed from its topics and types.",
     ),
     "info": Row("clt.cli.info:info", "Tell robots, pairs, rates, gaps, truth and faults of a log."),
+    "settings": Row(
+        "clt.cli.commands.settings:settings",
+        "List every key of --set with type, unit, default and one line.",
+    ),
     "recover": Row(
         "clt.cli.recover:recover",
         "Copy everything sound of a damaged log into a sound one, and say what was lost.",

@@ -65,14 +65,12 @@ def init(
     """
     import json
 
-    from clt.calibration import apply, read_calibration
     from clt.cli.console import Console
-    from clt.cli.initial import METHODS, find
     from clt.cli.inputs import Inputs
     from clt.cli.localize import WANTED, choose, read_settings, require_data, with_ranges
+    from clt.cli.options import METHODS
     from clt.cli.period import period_of, usable
     from clt.errors import UsageError
-    from clt.log.load import load
     from clt.log.output import STDOUT
 
     console = Console(quiet, verbose)
@@ -83,6 +81,12 @@ def init(
     inputs = Inputs.of(log, config=config, calibration=calibration, streams=streams)
     inputs.check(output, force)
     settings = read_settings(inputs["config"], sets)
+
+    # Slow to import: what stands above is refused at once.
+    from clt.calibration import apply, read_calibration
+    from clt.cli.initial import find
+    from clt.log.load import load
+
     loaded = load(log, inputs["streams"], WANTED)
     recording = with_ranges(usable(loaded, period, console), console)
     if (given := inputs["calibration"]) is not None:

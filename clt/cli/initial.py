@@ -18,8 +18,6 @@ from clt.init.truth import from_truth
 from clt.settings import read_toml
 from clt.streams import Recording
 
-METHODS = ("auto", "motion", "pairwise", "truth")
-
 
 def find(
     recording: Recording,
@@ -30,7 +28,7 @@ def find(
     *,
     kept: bool = False,
 ) -> tuple[str, Initialization]:
-    """Initial poses by a method of METHODS, and the method that `auto` chose.
+    """Initial poses by one of `clt.cli.options.METHODS`, and the method that `auto` chose.
 
     `pairwise` tells them in the frame of the `ego`, else of the first moving robot; `auto` takes
     it in the frame of an ego with fewer than two static robots. Says which robots cannot be told;
@@ -73,7 +71,7 @@ def start_for(
     *,
     kept: bool,
 ) -> Start:
-    """The start of a filter by one of METHODS or from a TOML file.
+    """The start of a filter by one of the same methods or from a TOML file.
 
     In the frame of an `ego` a file without a table for it gives relative poses. Whether the filter
     has `kept` all hypotheses decides whether an open start is told as a lack.

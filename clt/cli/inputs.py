@@ -8,11 +8,13 @@ from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import BinaryIO, TextIO
+from typing import TYPE_CHECKING, BinaryIO, TextIO
 
 from clt.document import Document
 from clt.log import output as target
-from clt.streams import Attachment, Recording
+
+if TYPE_CHECKING:
+    from clt.streams import Recording  # numpy, slow to import
 
 MEDIA_TYPE = "application/toml"
 OWN = ("config", "poses")
@@ -85,6 +87,8 @@ class Inputs:
         What travelled with the input travels on, but for a document of the same role and for
         the configuration and poses of earlier commands, whose record says what they set.
         """
+        from clt.streams import Attachment
+
         gone = {f"{role}.toml" for role in (*OWN, *self.documents)}
         kept = [one for one in recording.attachments if one.name not in gone]
         new = [

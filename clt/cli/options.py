@@ -31,6 +31,8 @@ Quiet = Annotated[
     typer.Option("-q", "--quiet", help="Only errors on stderr, and what leads to exit code 3."),
 ]
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say more on stderr.")]
+METHODS = ("auto", "motion", "pairwise", "truth")
+"""What `--init` and `clt init --method` take."""
 Set = Annotated[
     list[str], typer.Option("--set", metavar="KEY=VALUE", help="Set one key; may be repeated.")
 ]

@@ -57,6 +57,9 @@ class Period:
     until: Instant | None
 
 
+ALWAYS = Period(None, None)
+
+
 def period_of(since: str | None, until: str | None) -> Period:
     """What `--from` and `--to` say. Raises UsageError for what is no time."""
     return Period(

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clt.errors import CltError, UsageError
+from clt.filters.choices import View
 from clt.filters.inputs import (
     Outputs,
     RangeTable,
@@ -25,7 +26,7 @@ from clt.filters.inputs import (
 )
 from clt.filters.prior import Belief, Prior, gaussians, prior_of
 from clt.filters.settings import FilterSettings
-from clt.filters.space import WORLD, Space, View, make_space
+from clt.filters.space import WORLD, Space, make_space
 from clt.geometry import rotation
 from clt.init.start import InitialPose, Start
 from clt.settings import nearest

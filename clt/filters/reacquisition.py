@@ -17,7 +17,7 @@ from clt.filters.evidence import log_densities
 from clt.filters.inputs import RangeTable
 from clt.filters.prior import Belief
 from clt.filters.problem import Problem
-from clt.filters.rivals import HEADINGS, rivals_of
+from clt.filters.rivals import rivals_of
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Filter, Solution
 from clt.filters.suspicion import FOUND, SEARCHED, clear, look_lost, next_suspicion, unsuspected
@@ -27,6 +27,8 @@ from clt.streams import Floats, Indices
 
 CLEARLY = 20.0
 """Log-likelihood ratio by which a rival must be better than the old belief."""
+UNIQUE = 7.0
+"""The same by which it must be better than one elsewhere: a mirror image fits ranges as well."""
 REPLAYED = 2
 """How much is run once more, and how long to wait after a vain search, in units of `reacquire`."""
 
@@ -100,7 +102,7 @@ def search(
 ) -> Solution | None:
     """Where the `lost` blocks (L,) are, at the end of a trail; None if that is not clearly better.
 
-    Each of them takes the rival under which its own ranges are most probable.
+    Nor if other positions are nearly as good. An estimate that is not finite is lost for good.
     """
     ranges = RangeTable._make(
         np.concatenate(columns)
@@ -109,10 +111,29 @@ def search(
     first = trail[0].problem
     begun = Belief._make(column[:1] for column in first.belief)
     old = evidence_of(ranges, trail)
-    rivals = [
-        replayed(trail, rival, ranges, settings, run)
-        for rival in rivals_of(begun, first.lever, ranges, lost)
-    ]
+    if not (np.isfinite(begun.mean).all() and np.isfinite(old).all()):
+        return None
+    found = []
+    for turned in rivals_of(begun, first.lever, ranges, lost):
+        rivals = [replayed(trail, rival, ranges, settings, run) for rival in turned]
+        found.append(best_of(rivals, trail, ranges, lost, settings, run))
+    best, *others = sorted(found, key=lambda each: -each.evidence.sum())
+    if not best.evidence.sum() > old.sum() + CLEARLY:
+        return None
+    if any(other.evidence.sum() > best.evidence.sum() - UNIQUE for other in others):
+        return None
+    return best.solution
+
+
+def best_of(
+    rivals: Sequence[Replayed],
+    trail: Sequence[Piece],
+    ranges: RangeTable,
+    lost: Indices,
+    settings: FilterSettings,
+    run: Filter,
+) -> Replayed:
+    """The best of rivals that differ in heading; each lost block may have that of another one."""
     own = np.array([(ranges.a == i) | (ranges.b == i) for i in lost], np.float64)
     scores = np.array([own @ rival.evidence for rival in rivals])
     chosen = np.argmax(scores, axis=0)
@@ -121,9 +142,7 @@ def search(
         mixed = composed([rivals[k].began for k in chosen], lost)
         candidates.append(replayed(trail, mixed, ranges, settings, run))
     best = max(candidates, key=lambda rival: float(rival.evidence.sum()))
-    if not best.evidence.sum() > old.sum() + CLEARLY:
-        return None
-    return unsure(best.solution, rivals, scores, lost)
+    return best._replace(solution=unsure(best.solution, rivals, scores, lost))
 
 
 def evidence_of(ranges: RangeTable, runs: Sequence[Piece | Solution]) -> Floats:
@@ -170,10 +189,8 @@ def unsure(
     """
     P = solution.belief.covariance.copy()
     for i, score in zip((3 * lost + 2).tolist(), scores.T, strict=True):
-        first = int(np.argmax(score)) // HEADINGS * HEADINGS
-        own = slice(first, first + HEADINGS)
-        w = np.exp(score[own] - score[own].max())
-        ends = np.array([rival.solution.belief.mean[0, i] for rival in rivals[own]])
+        w = np.exp(score - score.max()) if np.isfinite(score.max()) else np.ones_like(score)
+        ends = np.array([rival.solution.belief.mean[0, i] for rival in rivals])
         P[0, i, i] += w @ wrap(ends - solution.belief.mean[0, i]) ** 2 / w.sum()
     return replace(solution, belief=solution.belief._replace(covariance=P))
 

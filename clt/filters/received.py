@@ -16,6 +16,7 @@ import numpy as np
 
 from clt.errors import CltError
 from clt.filters.arrivals import epochs, feed, weighed_on_arrival
+from clt.filters.choices import View
 from clt.filters.gaussian import solve_ekf
 from clt.filters.heard import Driver, driver
 from clt.filters.inputs import RangeTable, correlation_time
@@ -23,7 +24,7 @@ from clt.filters.posterior import Posterior
 from clt.filters.problem import ABSOLUTE, Problem, cast_of, lay_out, tied
 from clt.filters.retrace import UNJUDGED, Replay, all_blocks, solve
 from clt.filters.settings import FilterSettings, Noise
-from clt.filters.space import WORLD, View
+from clt.filters.space import WORLD
 from clt.filters.world import SHI, Estimator, posterior_of, trajectories
 from clt.init.start import Start
 from clt.streams import Poses, Recording, Stamps
@@ -49,7 +50,8 @@ def replay(
     columns = {
         name: getattr(solution, name)[judged] for name in ("residual", "variance", "verdict")
     }
-    return posterior_of(recording, problem, replace(solution, **columns), estimator.filter)
+    solution = replace(solution, **columns)
+    return posterior_of(recording, problem, solution, settings, estimator.filter)
 
 
 def dead_reckon(

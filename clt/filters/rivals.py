@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,8 @@ OUTLYING = 0.3
 """Range errors beyond this count less and less in a position, m."""
 APART = 1.0
 """Positions that are closer than this are one, m."""
+FEW, MOST = 4, 3
+"""Up to so many robots are mirrored one by one, not only all at once; sets of positions tried."""
 
 
 class Links(NamedTuple):
@@ -42,25 +45,26 @@ def links_of(ranges: RangeTable, lost: Indices) -> Links:
     )
 
 
-def rivals_of(belief: Belief, lever: Floats, ranges: RangeTable, lost: Indices) -> list[Belief]:
-    """A belief for each position and heading that the `lost` blocks (L,) may have instead.
+def rivals_of(
+    belief: Belief, lever: Floats, ranges: RangeTable, lost: Indices
+) -> list[list[Belief]]:
+    """For each set of positions that the `lost` blocks (L,) may have: a belief for each heading.
 
-    All of them are tried together: the k-th rival of each position turns them all by the same
-    angle. Headings that are near those believed come first.
+    The k-th belief turns all of them by the same angle; headings near those believed come first.
     """
     links, mean = links_of(ranges, lost), belief.mean[0]
     turns = [(k + 1) // 2 * (-1) ** k * 2.0 * np.pi / HEADINGS for k in range(HEADINGS)]
     made = []
     for places, error in positions(mean, lever, links, lost):
+        P = widened(belief.covariance[0], lost, (max(LOST_POSITION, error), LOST_HEADING))
+        begun = []
         for turn in turns:
             x = mean.copy()
             x[3 * lost], x[3 * lost + 1] = places.T
             x[3 * lost + 2] += turn
             x[: 3 * lever.shape[0]].reshape(-1, 3)[lost, :2] -= arms(x, lever)[lost]
-            sigma = max(LOST_POSITION, error), LOST_HEADING
-            made.append(
-                Belief(np.zeros(1), x[None], widened(belief.covariance[0], lost, sigma)[None])
-            )
+            begun.append(Belief(np.zeros(1), x[None], P[None]))
+        made.append(begun)
     return made
 
 
@@ -77,34 +81,67 @@ def widened(P: Floats, lost: Indices, sigma: tuple[float, float]) -> Floats:
 def positions(
     mean: Floats, lever: Floats, links: Links, lost: Indices
 ) -> list[tuple[Floats, float]]:
-    """Where the `lost` blocks may be, (L, 2), the nearest first, and how far ranges miss that, m.
+    """Where the `lost` blocks may be, (L, 2), the best first, and how far ranges miss that, m.
 
-    The second, if there is one, is their mirror image in the line through their partners.
+    Each block by itself is where its ranges put it from the believed position on, or from the
+    mirror image of that in the line through its partners; from there all are fitted together.
+    """
+    at = mean[: 3 * lever.shape[0]].reshape(-1, 3)[:, :2] + arms(mean, lever)
+    places = []
+    for i in lost:
+        own = with_known(links, i, lost)
+        near = fit(at, own, np.array([i]), at[i])
+        moved = at.copy()
+        moved[i] = near.places[0]
+        places.append((near.places[0], mirrored(moved, own, i)))
+    if lost.size <= FEW:
+        begins = [np.array(begin) for begin in product(*places)]
+    else:
+        begins = [np.array(begin) for begin in zip(*places, strict=True)]
+    fits = sorted((fit(at, links, lost, begin) for begin in begins), key=lambda each: each.cost)
+    kept: list[Fit] = []
+    for each in fits:
+        if all(np.abs(each.places - other.places).max() > APART for other in kept):
+            kept.append(each)
+    return [(each.places, each.error) for each in kept[:MOST]]
+
+
+class Fit(NamedTuple):
+    """Positions that fit ranges."""
+
+    places: Floats
+    """(L, 2), m."""
+    error: float
+    """Median of what ranges miss, m."""
+    cost: float
+
+
+def fit(at: Floats, links: Links, lost: Indices, begin: Floats) -> Fit:
+    """The `lost` (L,) of the antennas `at` (B, 2) moved to where ranges put them, from a beginning.
+
+    What ranges leave open stays near the believed position. Outliers count little.
     """
     from scipy.optimize import least_squares  # noqa: PLC0415 - slow, and seldom needed
 
-    places = mean[: 3 * lever.shape[0]].reshape(-1, 3)[:, :2] + arms(mean, lever)
-    old = places[lost]
-    spread = max(float(np.max(np.abs(misses(places, links)), initial=0.0)), LOST_POSITION)
+    old = at[lost].ravel()
+    spread = max(float(np.max(np.abs(misses(at, links)), initial=0.0)), LOST_POSITION)
 
     def errors(free: Floats) -> Floats:
-        at = places.copy()
-        at[lost] = free.reshape(-1, 2)
-        back = OUTLYING / spread * (free - old.ravel())
-        return np.concatenate([misses(at, links), back])
+        moved = at.copy()
+        moved[lost] = free.reshape(-1, 2)
+        return np.concatenate([misses(moved, links), OUTLYING / spread * (free - old)])
 
-    def fit(begin: Floats) -> tuple[Floats, float]:
-        found = least_squares(errors, begin.ravel(), loss="cauchy", f_scale=OUTLYING)
-        miss = found.fun[: links.range.size]
-        return found.x.reshape(-1, 2), float(np.median(np.abs(miss)))
+    found = least_squares(errors, begin.ravel(), loss="cauchy", f_scale=OUTLYING)
+    error = float(np.median(np.abs(found.fun[: links.range.size])))
+    return Fit(found.x.reshape(-1, 2), error, float(found.cost))
 
-    best = fit(old)
-    at = places.copy()
-    at[lost] = best[0]
-    other = fit(mirrored(at, links, lost))
-    if np.max(np.hypot(*(other[0] - best[0]).T)) < APART:
-        return [best]
-    return [best, other]
+
+def with_known(links: Links, i: int, lost: Indices) -> Links:
+    """The links of block i with partners that are not lost; all of its links if those are few."""
+    own = np.any(links.ends == i, axis=1)
+    known = own & (np.sum(np.isin(links.ends, lost), axis=1) == 1)
+    rows = known if np.sum(known) > 1 else own
+    return Links._make(column[rows] for column in links)
 
 
 def arms(mean: Floats, lever: Floats) -> Floats:
@@ -129,14 +166,12 @@ def misses(places: Floats, links: Links) -> Floats:
     return length - links.range
 
 
-def mirrored(places: Floats, links: Links, lost: Indices) -> Floats:
-    """The lost blocks' positions mirrored in the line that fits their partners best, (L, 2), m."""
-    images = []
-    for i in lost:
-        others = [partners(places, links, 1 - end)[links.ends[:, end] == i] for end in (0, 1)]
-        points = np.concatenate(others)
-        middle = points.mean(axis=0)
-        along = np.linalg.svd(points - middle)[2][0]
-        arm = places[i] - middle
-        images.append(middle + 2.0 * (arm @ along) * along - arm)
-    return np.array(images)
+def mirrored(places: Floats, links: Links, i: int) -> Floats:
+    """Block i's antenna mirrored in the line that fits its partners best, (2,), m."""
+    others = [partners(places, links, 1 - end)[links.ends[:, end] == i] for end in (0, 1)]
+    points = np.concatenate(others)
+    middle = points.mean(axis=0)
+    along = np.linalg.svd(points - middle)[2][0]
+    arm = places[i] - middle
+    image: Floats = middle + 2.0 * (arm @ along) * along - arm
+    return image

@@ -5,27 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri
 
 from clt.filters import dpf, eskf, filterpy_engine, gaussian, mixture, particles, ukf
+from clt.filters.choices import View
+from clt.filters.diagnosis import diagnosis
+from clt.filters.finite import sane
 from clt.filters.inputs import RangeTable
+from clt.filters.misfit import find_misfit
 from clt.filters.posterior import Posterior
 from clt.filters.prior import Belief, moments, spread
 from clt.filters.problem import ABSOLUTE, Problem, lay_out
 from clt.filters.searches import found_again, not_found
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Filter, Solution
-from clt.filters.space import ERRORS, View
+from clt.filters.space import ERRORS
 from clt.geometry import ANY_HEADING
 from clt.init.start import Start
 from clt.streams import Floats, Innovations, Poses, Recording, Stamps
 
 UNIQUE = 0.999
 """A robot whose leading pose is less probable than this may be elsewhere."""
-BY_CHANCE = 1e-3
-"""Probability of a mean NIS that is not believed to be chance ..."""
-MISFIT = 1.3
-"""... if it is as large as this: smaller ones do no harm."""
 DROPPED = 0.01
 """Probability of hypotheses dropped for want of room that is worth a word."""
 LOST_SHARE = 0.5
@@ -102,13 +101,16 @@ def told(problem: Problem, block: int, covariance: Floats) -> Floats:
 def innovations(problem: Problem, solution: Solution, recording: Recording) -> Innovations:
     """One row per range that the filter saw."""
     row = problem.ranges.row
+    variance = np.where(solution.variance > 0.0, solution.variance, np.nan)
+    with np.errstate(over="ignore"):
+        nis = solution.residual**2 / variance
     return Innovations(
         problem.ranges.stamp,
         recording.ranges.source[row],
         recording.ranges.target[row],
         solution.residual,
-        np.sqrt(solution.variance),
-        solution.residual**2 / solution.variance,
+        np.sqrt(variance),
+        nis,
         solution.verdict != eskf.REJECTED,
     )
 
@@ -120,7 +122,8 @@ def lost_robots(problem: Problem, solution: Solution) -> tuple[str, ...]:
         own = problem.outputs.robot == i
         touched = (problem.ranges.a == i) | (problem.ranges.b == i)
         rejected = float(np.mean(solution.verdict[touched] != eskf.USED)) if touched.any() else 0.0
-        if not np.isfinite(solution.mean[own]).all() or rejected > LOST_SHARE:
+        numbers = sane(solution.mean[own], solution.covariance[own]).all()
+        if not numbers or rejected > LOST_SHARE:
             lost.append(name)
     return tuple(lost)
 
@@ -162,29 +165,6 @@ def dropped(solution: Solution) -> tuple[str, ...]:
         "became unique may be wrong; raise mixture.components (dpf: dpf.particles)"
     )
     return (line,)
-
-
-def misfit(problem: Problem, solution: Solution, filter_: str, *, decided: bool) -> tuple[str, ...]:
-    """A line where ranges scatter more than filter and sensors were told to.
-
-    `decided`: whether evidence of theirs has told several possible poses apart.
-    """
-    used = solution.verdict == eskf.USED
-    if not used.any():
-        return ()
-    nis = float(np.mean(solution.residual[used] ** 2 / solution.variance[used]))
-    table = problem.ranges
-    count = float(np.sum(table.variance[used] / table.weight_variance[used]))
-    most = float(chdtri(count, BY_CHANCE)) / count
-    if nis <= max(most, MISFIT):
-        return ()
-    line = (
-        f"the ranges scatter more than was told: mean NIS {nis:.2f} over {int(used.sum())} ranges, "
-        f"1 expected, {most:.2f} by chance at most; covariances are too small"
-    )
-    unsure = ", and what became unique may be wrong" if decided else ""
-    few = f", or {filter_}.particles, if they are too few" if filter_ in {"pf", "dpf"} else ""
-    return (f"{line}{unsure}: see noise.sigma_range, noise.scale, noise.bias, calibration{few}",)
 
 
 def shares(problem: Problem, solution: Solution, block: int) -> tuple[Floats, Stamps]:
@@ -229,6 +209,17 @@ def cut_off(problem: Problem, solution: Solution) -> tuple[str, ...]:
     )
 
 
+def between_fixed(problem: Problem, recording: Recording) -> tuple[str, ...]:
+    """A line on the ranges between robots that are held fixed, which no estimate needs."""
+    ends = np.append(problem.ranges.a, problem.ranges.b)
+    fixed = -1 - np.unique(ends[ends < 0])
+    ranges = recording.ranges
+    count = int(np.sum(np.isin(ranges.source, fixed) & np.isin(ranges.target, fixed)))
+    if count == 0:
+        return ()
+    return (f"{count} ranges between static robots of known position are left out",)
+
+
 def localize(
     recording: Recording,
     start: Start,
@@ -238,17 +229,23 @@ def localize(
     """Filter a log. Raises CltError where nothing can be estimated."""
     problem = lay_out(recording, start, settings, estimator.view)
     solution = estimator.run(problem, settings)
-    return posterior_of(recording, problem, solution, estimator.filter)
+    return posterior_of(recording, problem, solution, settings, estimator.filter)
 
 
 def posterior_of(
-    recording: Recording, problem: Problem, solution: Solution, filter_: str
+    recording: Recording,
+    problem: Problem,
+    solution: Solution,
+    settings: FilterSettings,
+    filter_: str,
 ) -> Posterior:
     """A solution in the terms of the recording."""
     ends = [moments(solution.belief, b) for b in range(len(problem.robots))]
     unique = became_unique(problem, solution)
     decided = len(unique) > 0
-    doubtful = (*dropped(solution), *misfit(problem, solution, filter_, decided=decided))
+    names, source = recording.team.names, recording.ranges.source
+    misfit = find_misfit(problem, solution, settings, source, names)
+    crowded = dropped(solution)
     return Posterior(
         filter_,
         problem.robots,
@@ -261,14 +258,20 @@ def posterior_of(
             *not_found(problem, solution),
             *calibrated(problem, solution.belief),
             *talk(solution),
+            *between_fixed(problem, recording),
         ),
-        (*problem.notes, *(() if decided else doubtful)),
+        (*problem.notes, *(() if decided else crowded)),
         (
             *problem.left_out,
             *found_again(problem, solution),
             *cut_off(problem, solution),
             *ambiguous(problem, solution),
-            *(doubtful if decided else ()),
+            *(crowded if decided else ()),
+            *(
+                ()
+                if misfit is None
+                else (diagnosis(misfit, problem, names, filter_, decided=decided),)
+            ),
         ),
         lost_robots(problem, solution),
         solution.traffic,

@@ -161,10 +161,18 @@ def test_init_and_observability_use_the_longest_part(clt, tmp_path, recording):
     assert json.loads(out)["windows"][-1]["end"] == pytest.approx(4.0, abs=0.11)
 
 
-@pytest.mark.parametrize("command", ["localize", "init", "range", "observability"])
+def test_evaluate_takes_a_period(clt, tmp_path, synthetic):
+    write(tmp_path / "in.mcap", synthetic())
+    for words, count in (((), 600), (("--from", "5", "--to", "10"), 101)):
+        code, out, _ = clt("evaluate", "in.mcap", "--json", *words)
+        assert code == 0
+        assert json.loads(out)["robots"]["R1"]["estimate"]["matched"] == count
+
+
+@pytest.mark.parametrize("command", ["localize", "init", "range", "observability", "evaluate"])
 @pytest.mark.parametrize("words", [("--from", "noon"), ("--to", "1e5"), ("--from", "2025-13-01")])
 def test_what_is_no_time_is_refused(clt, command, words):
-    out = () if command in {"init", "observability"} else ("-o", "out.mcap")
+    out = () if command not in {"localize", "range"} else ("-o", "out.mcap")
     code, _, err = clt(command, "absent.mcap", *out, *words)
     assert code == 2
     assert f"{words[0]} {words[1]}: give seconds since the log's first stamp" in err

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from clt.filters.choices import parse_view
 from clt.filters.problem import lay_out
 from clt.filters.settings import FilterSettings
-from clt.filters.space import parse_view
 from clt.filters.world import FILTERPY, FILTERS
 from clt.init.truth import from_truth
 from tests.filters.teams import team_recording

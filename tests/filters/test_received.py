@@ -10,12 +10,12 @@ import pytest
 from clt.errors import CltError
 from clt.filters import received, world
 from clt.filters.arrivals import LEAST_STEP, MOST_STEP, epochs, weighed_on_arrival
+from clt.filters.choices import parse_view
 from clt.filters.heard import LAGS, driver, habit, known_segments
 from clt.filters.inputs import RangeTable, correlated_variance
 from clt.filters.problem import lay_out
 from clt.filters.retrace import all_blocks
 from clt.filters.settings import FilterSettings, Noise
-from clt.filters.space import parse_view
 from clt.filters.world import Estimator
 from clt.geometry import relative_pose
 from clt.init.truth import from_truth

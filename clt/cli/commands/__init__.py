@@ -1,1 +1,1 @@
-"""Commands, one file each."""
+"""One file per command."""
