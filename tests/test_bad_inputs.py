@@ -319,12 +319,12 @@ CASES = {
             "info": (0, ""),
             "localize": (1, "no ground truth"),
             "evaluate": (1, "ground truth"),
-            "plot": (1, "ground truth"),
+            "plot": (0, ""),
         },
     ),
     "no estimate": (
         dropped("/R1/estimate"),
-        {"evaluate": (1, "no estimates"), "plot": (1, "no estimates")},
+        {"evaluate": (1, "no estimates"), "plot": (0, "")},
     ),
     "only NaN": (
         only_nan,

@@ -16,7 +16,7 @@ from clt.cli.topics import guesses, table, unused
 from clt.log.load import LoadedLog
 from clt.log.summary import Rhythm, Summary
 from clt.printable import printable
-from clt.streams import Recording
+from clt.streams import WORLD, Recording
 
 SHOWN = 20
 """Pairs in the table; the rest is in the JSON."""
@@ -95,6 +95,7 @@ def robots(recording: Recording, summary: Summary) -> Table:
         role = "moving"
         if robot.static and robot.position is not None:
             role = "static at ({:g}, {:g}) m".format(*robot.position)
+            role += f" in {recording.team.frame}" if recording.team.frame != WORLD else ""
         elif robot.static:
             role = "static, position unknown"
         cells = [cell(summary.streams[kind].get(robot.name)) for kind in present]

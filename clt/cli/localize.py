@@ -241,11 +241,13 @@ def require_data(recording: Recording, log: str, *, standing: bool = False) -> N
         raise CltError(f"{log} is already a result, without odometry and ranges; give its input")
     if len(recording.odometry) == 0 and not standing:
         raise CltError(
-            f"{log}: no odometry found on /ROBOT/odom; name its topics with --streams FILE"
+            f"{log}: no odometry found on /ROBOT/odom; name its topics with --streams FILE, "
+            "which `clt streams` drafts"
         )
     if recording.ranges.stamp.size == 0:
         raise CltError(
-            f"{log}: no ranges found on /ROBOT/uwb/range; name their topics with --streams FILE"
+            f"{log}: no ranges found on /ROBOT/uwb/range; name their topics with --streams FILE, "
+            "which `clt streams` drafts"
         )
 
 

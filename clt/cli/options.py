@@ -7,7 +7,12 @@ from typing import Annotated
 
 import typer
 
-Log = Annotated[Path, typer.Argument(help="An MCAP log; `-` is standard input.", metavar="LOG")]
+Log = Annotated[
+    Path,
+    typer.Argument(
+        help="A log: MCAP, .db3 or the folder of a ROS 2 bag; `-` is standard input.", metavar="LOG"
+    ),
+]
 Output = Annotated[
     Path, typer.Option("-o", "--output", help="Where the result goes; `-` is standard output.")
 ]

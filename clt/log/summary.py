@@ -117,6 +117,7 @@ def as_dict(loaded: LoadedLog, summary: Summary) -> dict[str, object]:
         "start_ns": summary.start,
         "end_ns": summary.end,
         "duration": summary.duration,
+        "frame": recording.team.frame,
         "robots": {robot.name: _robot(robot, summary) for robot in recording.team.robots},
         "pairs": [
             {"source": source, "target": target, **vars(found)}
