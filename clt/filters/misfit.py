@@ -121,12 +121,12 @@ def find_misfit(
     begun = restarted(problem, solution)
     vague = begun is not problem and solution.share is None
     trial = None if begun is None or vague else Trial(begun, solution, settings, source)
-    late = None if trial is None else late_odometry(trial)
+    known = begun is problem  # Marginals of a later time are too coarse for what is subtle.
+    late = late_odometry(trial) if trial is not None and known else None
     scattered = nis > max(chance, NIS)
     hard = scattered or bool(np.any(wrong)) or len(frozen) > 0
-    if not (
-        hard or late is not None or hinted(figures, worth, HINT if in_world(problem) else BODY_HINT)
-    ):
+    hint = HINT if in_world(problem) else BODY_HINT
+    if not (hard or late is not None or (known and hinted(figures, worth, hint))):
         return None
     cause = None
     if trial is not None and len(frozen) == 0:
