@@ -65,6 +65,13 @@ class Roles:
     innovation: str | None = None
     frames: dict[str, Stream] = field(default_factory=dict)
 
+    @property
+    def streams(self) -> list[Stream | RangeStream]:
+        """The topics of all roles but innovations, one per role."""
+        robots = (self.odometry, self.truth, self.estimate, self.dead_reckoning, self.frames)
+        named = [stream for streams in robots for stream in streams.values()]
+        return [*named, *(stream for _, stream in self.ranges)]
+
 
 def role_of(topic: str) -> tuple[str, Role] | None:
     """Robot and role of a topic by clt's names; None for a stranger."""
