@@ -9,17 +9,18 @@ from __future__ import annotations
 import functools
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Annotated
 
 import typer
 
 from clt import __version__
-from clt.cli.console import FAILED, INTERRUPTED, one_line
+from clt.cli.console import FAILED, INTERRUPTED
 from clt.cli.environment import check_environment
 from clt.cli.lazy import Row, lazy_group
 from clt.cli.stdio import prepare
 from clt.errors import CltError
+from clt.printable import printable
 
 COMMANDS = {
     "demo": Row(
@@ -55,6 +56,10 @@ COMMANDS = {
         "clt.cli.range_log:range_log",
         "Turn the packets of a UWB broadcast network into ranges, as each robot would.",
     ),
+    "streams": Row(
+        "clt.cli.commands.streams:streams",
+        "Write a first streams.toml for a foreign log, guessed from its topics and types.",
+    ),
     "info": Row("clt.cli.info:info", "Tell robots, pairs, rates, gaps, truth and faults of a log."),
     "settings": Row(
         "clt.cli.commands.settings:settings",
@@ -77,8 +82,11 @@ def guard(command: Callable[..., int]) -> Callable[..., None]:
             code = command(*args, **kwargs)
             sys.stdout.flush()
         except CltError as error:
-            print(f"clt: error: {one_line(str(error))}", file=sys.stderr)
+            print(f"clt: error: {printable(str(error))}", file=sys.stderr)
             code = error.code
+        except MemoryError:
+            print(f"clt: error: {files(kwargs)}: memory ran out", file=sys.stderr)
+            code = FAILED
         except OSError as error:
             code = tell(error)
         except KeyboardInterrupt:
@@ -89,11 +97,18 @@ def guard(command: Callable[..., int]) -> Callable[..., None]:
     return run
 
 
+def files(arguments: Mapping[str, object]) -> str:
+    """The files that a command was given to read, as far as its arguments show."""
+    given = [arguments.get(name) for name in ("log", "logs", "source", "scenario", "path")]
+    flat = [one for item in given for one in (item if isinstance(item, list | tuple) else [item])]
+    return printable(", ".join(str(one) for one in flat if one is not None) or "clt")
+
+
 def tell(error: OSError) -> int:
     """Say what could not be read or written; a reader of our output that left needs no word."""
     if not isinstance(error, BrokenPipeError):
         place = f"{error.filename}: " if error.filename is not None else ""
-        text = one_line(f"{place}{error.strerror or error}")
+        text = printable(f"{place}{error.strerror or error}")
         print(f"clt: error: {text}", file=sys.stderr)
     try:
         sys.stdout.flush()

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from clt.cli.options import Force, Json, Log, Quiet, Set, Verbose
+from clt.cli.period import From, To
 
 if TYPE_CHECKING:
     from clt.init.status import Initialization, RobotStatus
@@ -49,6 +50,8 @@ def init(
     streams: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Roles of a foreign log's topics (TOML).")
     ] = None,
+    since: From = None,
+    until: To = None,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -66,6 +69,7 @@ def init(
     from clt.cli.inputs import Inputs
     from clt.cli.localize import WANTED, choose, read_settings, require_data, with_ranges
     from clt.cli.options import METHODS
+    from clt.cli.period import period_of, usable
     from clt.errors import UsageError
     from clt.log.output import STDOUT
 
@@ -73,6 +77,7 @@ def init(
     choose("--method", method, METHODS)
     if as_json and output == STDOUT:
         raise UsageError("--json and -o - both want standard output; name a file")
+    period = period_of(since, until)
     inputs = Inputs.of(log, config=config, calibration=calibration, streams=streams)
     inputs.check(output, force)
     settings = read_settings(inputs["config"], sets)
@@ -83,8 +88,7 @@ def init(
     from clt.log.load import load
 
     loaded = load(log, inputs["streams"], WANTED)
-    console.report(loaded.recording.faults)
-    recording = with_ranges(loaded.recording, console)
+    recording = with_ranges(usable(loaded, period, console), console)
     if (given := inputs["calibration"]) is not None:
         recording = apply(recording, read_calibration(given))
     team = recording.team

@@ -45,8 +45,13 @@ class Inputs:
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """All files, none of which the output may overwrite."""
-        return (*self.data, *(document.path for document in self.documents.values()))
+        """All files, none of which the output may overwrite; of a folder those in it."""
+        files = [
+            file
+            for path in self.data
+            for file in (sorted(path.iterdir()) if path.is_dir() else [path])
+        ]
+        return (*files, *(document.path for document in self.documents.values()))
 
     def check(self, path: Path | None, force: bool) -> None:
         """Raise CltError unless the output, if any, may be written; to call before any work."""

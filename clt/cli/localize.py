@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from clt.cli.options import Force, Json, Log, Output, Quiet, Set, Verbose
+from clt.cli.period import From, To
 
 if TYPE_CHECKING:
     from clt.cli.console import Console
@@ -72,6 +73,8 @@ def localize(
         ),
     ] = False,
     scene: Annotated[bool, typer.Option(help="Add /tf and /clt/scene for 3D viewers.")] = True,
+    since: From = None,
+    until: To = None,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -88,6 +91,7 @@ def localize(
 
     from clt.cli.console import Console
     from clt.cli.inputs import Inputs
+    from clt.cli.period import period_of, usable
     from clt.errors import UsageError
     from clt.log.output import STDOUT
 
@@ -95,6 +99,7 @@ def localize(
     chosen, view = chosen_of(filter_, frame, engine)
     if as_json and output == STDOUT:
         raise UsageError("--json and -o - both want standard output; name a file")
+    period = period_of(since, until)
     poses = poses_file(init)
     inputs = Inputs.of(log, config=config, calibration=calibration, streams=streams, poses=poses)
     inputs.check(output, force)
@@ -113,9 +118,9 @@ def localize(
     estimator = Estimator(chosen, view, engine)
     clock = [perf_counter()]
     loaded = load(log, inputs["streams"], WANTED)
-    console.report(loaded.recording.faults)
-    settings = read_settings(inputs["config"], sets, loaded.recording.team.communication)
-    recording = with_ranges(loaded.recording, console)
+    recording = usable(loaded, period, console)
+    settings = read_settings(inputs["config"], sets, recording.team.communication)
+    recording = with_ranges(recording, console)
     if (document := inputs["calibration"]) is not None:
         recording = apply(recording, read_calibration(document))
     require_data(recording, str(log))

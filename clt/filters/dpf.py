@@ -77,7 +77,7 @@ def check(problem: Problem, settings: FilterSettings) -> None:
             f"dpf.particles={settings.dpf.particles}: so few cannot tell how sure they are; "
             f"{FEWEST} at least"
         )
-    if settings.dpf.likelihood == "shared" and problem.space.calibration >= 0:
+    if settings.dpf.likelihood == "shared" and np.any(problem.space.calibration >= 0):
         raise UsageError(
             "points cannot keep what never changes apart: noise.scale and noise.bias need "
             "dpf.likelihood=fit"

@@ -73,15 +73,15 @@ def blocks_of(space: Space, d: int) -> tuple[tuple[int, bool], ...]:
 def erring(space: Space, piece: Piece) -> bool:
     """Whether the state knows errors of the piece's odometry: wheels at rest have none."""
     still = abs(piece.v) < AT_REST and abs(piece.omega) < AT_REST
-    return space.calibration >= 0 and not still
+    return bool(space.calibration[piece.d] >= 0) and not still
 
 
 def twist(x: Floats, space: Space, piece: Piece) -> tuple[float, float]:
     """The twist of a piece less the errors that the state knows."""
     if not erring(space, piece):
         return piece.v, piece.omega
-    scale, bias = x[space.calibration + 2 * piece.d :][:2]
-    return (1.0 + scale) * piece.v, piece.omega + bias
+    scale_v, scale_omega, bias = x[space.calibration[piece.d] :][:3]
+    return (1.0 + scale_v) * piece.v, (1.0 + scale_omega) * piece.omega + bias
 
 
 def moved(x: Floats, space: Space, pieces: Iterable[Piece]) -> Floats:
@@ -142,8 +142,11 @@ def transition(x: Floats, before: Floats, space: Space, piece: Piece) -> Floats:
             turn = cmath.rect(1.0, -omega * piece.dt)
             F[X : X + 2, X : X + 2] = [[turn.real, -turn.imag], [turn.imag, turn.real]]
     if erring(space, piece):
-        s = space.calibration + 2 * piece.d
-        F[:, s : s + 2] += gains(x, space, piece) * (piece.v * piece.dt, piece.dt)
+        s = space.calibration[piece.d]
+        way, turn = gains(x, space, piece).T
+        F[:, s] += way * piece.v * piece.dt
+        F[:, s + 1] += turn * piece.omega * piece.dt
+        F[:, s + 2] += turn * piece.dt
     return F
 
 

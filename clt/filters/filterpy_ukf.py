@@ -11,9 +11,11 @@ from scipy.linalg import LinAlgError, cholesky
 
 from clt.filters.eskf import USED
 from clt.filters.filterpy_model import Clock, Piece, lines, moved, noise
-from clt.filters.filterpy_run import Guard, run
+from clt.filters.filterpy_run import judge, run
+from clt.filters.free import exchange, find, free_of, wanted
 from clt.filters.gaussian import process_form
 from clt.filters.problem import Problem
+from clt.filters.reacquisition import follow
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Solution
 from clt.filters.space import Space
@@ -46,6 +48,18 @@ def transition(x: Floats, dt: float, space: Space, pieces: list[Piece]) -> Float
     return moved(x, space, pieces)
 
 
+def without(images: Floats, white: Floats) -> Floats:
+    """Images (2 N + 1, m) of the sigma points with what is odd along some directions taken out.
+
+    `white` (count, N): the directions in the order of the pairs of points, orthonormal.
+    """
+    if white.shape[0] == 0:
+        return images
+    N = white.shape[1]
+    part = white.T @ (white @ (0.5 * (images[1 : N + 1] - images[N + 1 :])))
+    return np.concatenate([images[:1], images[1 : N + 1] - part, images[N + 1 :] + part])
+
+
 class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
     """filterpy's UKF of a team."""
 
@@ -59,6 +73,7 @@ class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
         self.shi = process_form(problem, settings) == SHI
         self.clock = Clock(problem.segments, problem.space, problem.start)
         self.now = problem.start
+        self.free = free_of(problem, wanted(problem, settings))
 
     def advance(self, until: int, drivers: set[int]) -> None:
         """Predict up to the time `until` (ns): all drivers together, whichever are wanted."""
@@ -75,27 +90,30 @@ class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
             self.predict(space=self.space, pieces=pieces)
             self.now = stop
 
-    def correct(self, rows: slice, guard: Guard) -> tuple[Floats, Floats, Indices]:
+    def correct(self, rows: slice, gate: float) -> tuple[Floats, Floats, Indices]:
         """Gate and fuse the ranges `rows` of one instant: residual, its variance, verdict."""
         ranges, z = self.problem.ranges, self.problem.ranges.range[rows]
-        images = np.empty((0, z.size))
-
-        def innovate() -> tuple[Floats, Floats]:
-            nonlocal images
-            self.sigmas_f = self.points_fn.sigma_points(self.x, self.P)
-            images = np.abs(lines(self.sigmas_f, self.problem.lever, ranges, rows))
-            h, S = unscented_transform(images, self.Wm, self.Wc, np.diag(ranges.variance[rows]))
-            return z - h, S.diagonal()
-
-        r, S, verdict = guard.judge(self.P, rows, innovate)
+        self.sigmas_f = self.points_fn.sigma_points(self.x, self.P)
+        images = np.abs(lines(self.sigmas_f, self.problem.lever, ranges, rows))
+        h, spread = unscented_transform(images, self.Wm, self.Wc, np.diag(ranges.variance[rows]))
+        r, S = z - h, spread.diagonal()
+        verdict = judge(r, S, gate)
         use = np.flatnonzero(verdict == USED)
         if use.size > 0:
-            image = iter(images[:, use])
+            instant = ranges, rows.start, rows.stop, self.problem.segments, self.clock.cursor
+            turns = find(self.x, self.P, self.space, *instant, self.free)
+            image = iter(without(images[:, use], self.free.white[:turns]))
             R = np.diag(ranges.weight_variance[rows][use])
             self.update(z[use], R=R, hx=lambda _: next(image))
+            exchange(self.x, self.P, self.space, *instant, self.free, turns)
         return r, S, verdict
 
 
 def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:
     """The numbers of `ukf.solve_ukf`."""
-    return run(TeamFilter(problem, settings), problem, settings)
+    return follow(problem, settings, solve)
+
+
+def solve(problem: Problem, settings: FilterSettings) -> Solution:
+    """Run the filter alone."""
+    return run(TeamFilter(problem, settings), problem, settings.gate)

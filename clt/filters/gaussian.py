@@ -1,8 +1,8 @@
 """The Kalman filters: one Gaussian, linearized at the estimate.
 
-`eskf` is Shi's, with first-estimates Jacobians where the team cannot be fixed; `ekf` the textbook's
-with Jacobians at the latest estimate. As the error state is additive (on the circle for headings),
-the two give the same numbers wherever both linearize at the same points.
+`eskf` is Shi's; `ekf` that of the textbooks. As the error state is additive (on the circle for
+headings), the two are one: with first-estimates Jacobians where something cannot be observed, else
+with those at the latest estimate.
 """
 
 from __future__ import annotations
@@ -11,8 +11,10 @@ import numpy as np
 
 from clt.errors import UsageError
 from clt.filters import eskf, unicycle
+from clt.filters.free import free_of, wanted
 from clt.filters.prior import Belief
 from clt.filters.problem import Problem
+from clt.filters.reacquisition import follow
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Solution
 from clt.filters.space import WORLD
@@ -22,19 +24,18 @@ FORMS = {"exact": unicycle.EXACT, "shi": unicycle.SHI}
 
 
 def solve_eskf(problem: Problem, settings: FilterSettings) -> Solution:
-    """Run the error-state Kalman filter on a problem."""
-    return solve(problem, settings, first=first_estimates(problem, settings))
+    """Run the filter on a problem and search for robots that look lost.
+
+    Raises UsageError for Shi's process noise outside the world frame.
+    """
+    return follow(problem, settings, solve)
 
 
-def solve_ekf(problem: Problem, settings: FilterSettings) -> Solution:
-    """Run the extended Kalman filter on a problem."""
-    return solve(problem, settings, first=False)
-
-
-def solve(problem: Problem, settings: FilterSettings, *, first: bool) -> Solution:
-    """Run the kernel. Raises UsageError for Shi's process noise outside the world frame."""
+def solve(problem: Problem, settings: FilterSettings) -> Solution:
+    """Run the filter alone."""
     form = process_form(problem, settings)
     memory = remembered(problem)
+    first, relative = wanted(problem, settings), bool(np.any(problem.space.base != WORLD))
     run = eskf.run(
         problem.mean,
         problem.covariance,
@@ -44,9 +45,9 @@ def solve(problem: Problem, settings: FilterSettings, *, first: bool) -> Solutio
         problem.ranges,
         problem.outputs,
         gate=settings.gate,
-        reacquire=settings.reacquire,
         form=form,
-        first=first,
+        first=first and not relative,
+        free=free_of(problem, first and relative),
         space=problem.space,
         end=problem.end,
         memory=memory,
@@ -57,17 +58,20 @@ def solve(problem: Problem, settings: FilterSettings, *, first: bool) -> Solutio
         run.residual,
         run.variance,
         run.verdict,
-        run.lost,
+        np.zeros(len(problem.robots), np.int64),
         single(run.last_mean, run.last_covariance),
         memory=memory,
     )
+
+
+solve_ekf = solve_eskf
 
 
 def remembered(problem: Problem) -> eskf.Memory:
     """What the run that this one goes on from kept, copied; else what a first one begins with."""
     if isinstance(problem.memory, eskf.Memory):
         return eskf.Memory._make(column.copy() for column in problem.memory)
-    return eskf.no_memory(len(problem.robots), problem.start)
+    return eskf.no_memory(len(problem.robots))
 
 
 def process_form(problem: Problem, settings: FilterSettings) -> int:
@@ -75,7 +79,7 @@ def process_form(problem: Problem, settings: FilterSettings) -> int:
 
     Raises UsageError where the paper's is asked of blocks that are not in the world.
     """
-    elsewhere = np.any(problem.space.base != WORLD) or problem.space.calibration >= 0
+    elsewhere = np.any(problem.space.base != WORLD) or np.any(problem.space.calibration >= 0)
     if settings.process == "shi" and elsewhere:
         raise UsageError(
             "process=shi is Shi's noise of absolute poses: use --frame world without "
@@ -87,16 +91,3 @@ def process_form(problem: Problem, settings: FilterSettings) -> int:
 def single(mean: Floats, covariance: Floats) -> Belief:
     """One Gaussian as a belief."""
     return Belief(np.zeros(1), mean[None], covariance[None])
-
-
-def first_estimates(problem: Problem, settings: FilterSettings) -> bool:
-    """Whether to take first-estimates Jacobians: as set, else with fewer than two fixed robots.
-
-    Relative poses are not free to move as a whole: there the latest estimate serves.
-    """
-    if np.any(problem.space.base != WORLD):
-        return False
-    if settings.jacobians != "auto":
-        return settings.jacobians == "first"
-    ends = np.append(problem.ranges.a, problem.ranges.b)
-    return np.unique(ends[ends < 0]).size < 2

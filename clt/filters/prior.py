@@ -43,8 +43,9 @@ class Prior:
     """Pose of each block."""
     base: tuple[int, ...]
     """Pose in whose frame it stands, or `space.WORLD`."""
-    calibration: tuple[tuple[float, float], ...] = ()
-    """Standard deviations of scale and bias (rad/s) of each driver's odometry; () if not states."""
+    calibration: tuple[float, ...] = ()
+    """Standard deviations of the odometry errors in the state, three of each driver that has them
+    there (`space.twist`)."""
     places: tuple[int, ...] = ()
     """Poses of robots that stand and of whose heading nothing is known, nor ever will be."""
 
@@ -54,7 +55,7 @@ def prior_of(
     names: Sequence[str],
     who: Sequence[int],
     base: Sequence[int],
-    calibration: tuple[tuple[float, float], ...] = (),
+    calibration: tuple[float, ...] = (),
     still: Collection[str] = (),
 ) -> Prior:
     """The prior of the named robots, of which some stand `still`, from a start's hypotheses."""
@@ -91,7 +92,7 @@ def gaussians(prior: Prior) -> Belief:
         relative_blocks(mean, covariance, prior.who, prior.base)
         for mean, covariance in zip(prior.mean, prior.covariance, strict=True)
     ]
-    errors = np.array(prior.calibration, np.float64).ravel()
+    errors = np.array(prior.calibration, np.float64)
     N = 3 * len(prior.who)
     mean = np.zeros((len(blocks), N + errors.size))
     covariance = np.zeros((len(blocks), N + errors.size, N + errors.size))
@@ -115,7 +116,7 @@ def samples(prior: Prior, count: int, draw: np.random.Generator) -> Floats:
     roots = np.array([square_root(P) for P in covariance])
     poses = prior.mean[which] + np.einsum("kij,kj->ki", roots[which], unit).reshape(count, n, 3)
     blocks = sample_blocks(poses, prior.who, prior.base)
-    errors = np.array(prior.calibration, np.float64).ravel()
+    errors = np.array(prior.calibration, np.float64)
     return np.concatenate([blocks, errors * draw.standard_normal((count, errors.size))], axis=1)
 
 

@@ -8,7 +8,7 @@ Mutual: two robots, each in the other's body frame.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +40,8 @@ OUTPUT_STEP = 100_000_000
 """Longest time between two outputs, ns ..."""
 MOST_PARTS = 100
 """... but no more outputs than this between two odometry samples, however long a gap is."""
+FEW_NAMES = 3
+"""Robots that one line names."""
 ABSOLUTE = View("world")
 
 
@@ -58,8 +60,10 @@ class Problem:
     """None where a filter goes on from `belief`, as an earlier run of it left it."""
     belief: Belief
     """At `start`."""
+    antenna: Floats
+    """Of each driver in its body frame, shape (D, 2), m."""
     lever: Floats
-    """Antenna of each block's robot in its body frame, shape (B, 2), m."""
+    """The same of each block's robot, shape (B, 2)."""
     segments: Segments
     ranges: RangeTable
     outputs: Outputs
@@ -99,7 +103,8 @@ class Cast:
 
 def cast_of(recording: Recording, start: Start, view: View) -> Cast:
     """The blocks of a view. Raises CltError, UsageError where it cannot be had."""
-    names, left_out = state_robots(recording, start, every=view.kind != "world")
+    idle = set(recording.idle).difference(view.names)
+    names, left_out = state_robots(recording, start, idle, every=view.kind != "world")
     if view.kind == "world":
         return Cast(tuple(names), tuple(range(len(names))), (WORLD,) * len(names), tuple(left_out))
     require_robots(view, recording.team.names)
@@ -125,17 +130,19 @@ def require_robots(view: View, names: Sequence[str]) -> None:
 
 
 def state_robots(
-    recording: Recording, start: Start, *, every: bool = False
+    recording: Recording, start: Start, idle: Collection[str] = (), *, every: bool = False
 ) -> tuple[list[str], list[str]]:
     """Names of the robots in the state, and one line for each robot left out.
 
-    `every`: static robots of certain position, too.
+    `idle` ones are left out without a line. `every`: static robots of certain position, too.
     """
     names, left_out = [], []
     for robot in recording.team.robots:
         pose = start.poses.get(robot.name)
+        if robot.name in idle:
+            continue
         if robot.static:
-            if pose is not None and (every or np.any(pose.covariance != 0.0)):
+            if pose is not None and (every or uncertain(pose)):
                 names.append(robot.name)
         elif robot.name not in recording.odometry:
             left_out.append(f"{robot.name} moves but has no odometry: not localized")
@@ -166,35 +173,54 @@ def lay_out(
         if end - int(stream.stamp[-1]) > EARLY_END:
             seconds = (end - int(stream.stamp[-1])) * 1e-9
             left_out.append(f"the odometry of {name} ends {seconds:.1f} s before that of others")
-    noise = settings.noise
-    calibrated = noise.scale > 0.0 or noise.bias > 0.0
+    sigmas = settings.noise.lasting
+    calibrated = [d for d, name in enumerate(names) if name in odometry and any(sigmas)]
     prior = prior_of(
         start,
         names,
         cast.who,
         cast.base,
-        tuple((noise.scale, noise.bias) if name in odometry else (0.0, 0.0) for name in names)
-        if calibrated
-        else (),
+        sigmas * len(calibrated),
         still=[name for name in names if name not in odometry],
     )
     robots = tuple(names[j] for j in cast.who)
+    antenna = np.array([team.robots[team.index(name)].antenna for name in names], np.float64)
     return Problem(
         robots,
         tuple(world_of(start) if i == WORLD else f"{names[i]}{BODY}" for i in cast.base),
         names,
-        make_space(cast.who, cast.base, calibrated=calibrated),
+        make_space(cast.who, cast.base, calibrated),
         prior,
         gaussians(prior),
-        np.array([team.robots[team.index(name)].antenna for name in robots], dtype=np.float64),
+        antenna,
+        antenna[list(cast.who)],
         join_segments(parts),
         table,
         output_times(cast, {name: odometry[name].stamp for name in odometry}, start.stamp),
         start.stamp,
         end,
-        (*notes, *said),
+        (*idle_note(recording, start, view), *notes, *said),
         tuple(left_out),
     )
+
+
+def idle_note(recording: Recording, start: Start, view: View) -> tuple[str, ...]:
+    """A line on static robots that nothing in the log tells of; certain anchors lose nothing."""
+    names = [name for name in recording.idle if name not in view.names]
+    if view.kind == "mutual":
+        return ()
+    if view.kind == "world":
+        names = [name for name in names if name not in start.poses or uncertain(start.poses[name])]
+    if len(names) == 0:
+        return ()
+    few = ", ".join(names[:FEW_NAMES])
+    more = f" and {len(names) - FEW_NAMES} more" if len(names) > FEW_NAMES else ""
+    return (f"no range touches {few}{more}: static robots that cannot be estimated, left out",)
+
+
+def uncertain(pose: InitialPose) -> bool:
+    """Whether a pose has any uncertainty."""
+    return bool(np.any(pose.covariance != 0.0))
 
 
 def world_of(start: Start) -> str:
@@ -230,16 +256,18 @@ def tied(
     each range tells that which stands in the frame of the robot that measured it.
     """
     team = recording.team
+    index = {name: k for k, name in enumerate(team.names)}
     blocks = range(len(cast.who)) if view.kind != "mutual" else range(1)
-    state = {team.index(cast.names[cast.who[b]]): b for b in blocks}
+    state = {index[cast.names[cast.who[b]]]: b for b in blocks}
     if view.kind == "world":
+        inside = set(cast.names)
         fixed = {
-            team.index(name): antenna_position(team.robots[team.index(name)], pose)
+            index[name]: antenna_position(team.robots[index[name]], pose)
             for name, pose in start.poses.items()
-            if team.robots[team.index(name)].static and name not in cast.names
+            if team.robots[index[name]].static and name not in inside
         }
     else:
-        ego = team.index(cast.names[0])
+        ego = index[cast.names[0]]
         fixed = {ego: np.asarray(team.robots[ego].antenna, np.float64)}
     table, said = range_table(
         recording.ranges, team, state, fixed, settings.noise, start.stamp, end
@@ -273,12 +301,14 @@ def unused_ranges(recording: Recording, placed: set[int], end: int) -> list[str]
     `placed` are the team indices in the state or fixed; `end` is the last odometry stamp, ns.
     """
     ranges, lines = recording.ranges, []
+    counts = np.bincount(
+        np.append(ranges.source, ranges.target), minlength=len(recording.team.robots)
+    )
     for index, robot in enumerate(recording.team.robots):
-        count = int(np.sum((ranges.source == index) | (ranges.target == index)))
-        if robot.static and index not in placed and count > 0:
+        if robot.static and index not in placed and counts[index] > 0:
             lines.append(
-                f"{robot.name} stands at an unknown position: its {count} ranges are not used; "
-                "give it a pose with --init FILE"
+                f"{robot.name} stands at an unknown position: its {counts[index]} ranges are not "
+                "used; give it a pose with --init FILE"
             )
     late = int(np.sum(ranges.stamp > end + EARLY_END))
     if late > 0:

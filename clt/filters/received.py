@@ -50,7 +50,8 @@ def replay(
     columns = {
         name: getattr(solution, name)[judged] for name in ("residual", "variance", "verdict")
     }
-    return posterior_of(recording, problem, replace(solution, **columns), estimator.filter)
+    solution = replace(solution, **columns)
+    return posterior_of(recording, problem, solution, settings, estimator.filter)
 
 
 def dead_reckon(
@@ -80,7 +81,8 @@ def lay_out_arrivals(
     end = min(max(last, problem.end), problem.end + lag)
     if end <= problem.start:
         raise CltError("no odometry comes after the initial poses: there is nothing to replay")
-    times = epochs(heard[0].arrival, problem.start, end)
+    others = [came.arrival, *(own.arrival for own in heard[1:])]
+    times = epochs(heard[0].arrival, problem.start, end, others)
     problem = replace(problem, ranges=table)
     return Replay(problem, drivers, came, times, settings.noise, lag), late
 

@@ -33,10 +33,17 @@ class Noise(Settings):
     """One calibrated range, m."""
     scale: NotNegative = 0.0
     """How far off each robot's v may be throughout, as a share of it; beyond 0 it is estimated."""
+    scale_omega: NotNegative | None = None
+    """The same of omega; None: as `scale`."""
     bias: NotNegative = 0.0
     """How far off each robot's omega may be throughout, rad/s; beyond 0 it is estimated."""
     correlation_time: NotNegative | None = None
     """Of the range error of one pair, s; ranges that come faster tell less than they seem to."""
+
+    @property
+    def lasting(self) -> tuple[float, float, float]:
+        """Standard deviations of the errors that last: scale of v, of omega, bias (rad/s)."""
+        return self.scale, self.scale if self.scale_omega is None else self.scale_omega, self.bias
 
 
 class Initial(Settings):
@@ -129,8 +136,8 @@ class FilterSettings(Settings):
     gate: NotNegative = 16.0
     """A range is rejected when its NIS (a pure number) exceeds this; 0 accepts all."""
     reacquire: Positive = 3.0
-    """A robot is called lost, and searched for anew, when most of its ranges with several partners
-    were rejected over this time, s."""
+    """A robot is searched for when most of its ranges with several partners were rejected over
+    this time, s; what is found replaces the estimate where the ranges fit it clearly better."""
     received: Received = Received()
     mixture: Mixture = Mixture()
     pf: Pf = Pf()

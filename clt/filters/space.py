@@ -34,30 +34,37 @@ class Space(NamedTuple):
     block: Indices
     forward: Indices
     """1 where the driver is the block's `who`, 0 where its `base`."""
-    calibration: int
-    """State index of the drivers' (scale, bias) pairs behind the blocks; -1 without."""
+    calibration: Indices
+    """State index of each driver's three odometry errors (`twist`) behind the blocks, shape (D,);
+    -1 of a driver whose errors are not in the state."""
 
 
-def make_space(who: Sequence[int], base: Sequence[int], *, calibrated: bool = False) -> Space:
-    """The space of some blocks; `calibrated` puts the odometry's errors into the state."""
+ERRORS = 3
+"""Numbers that describe the lasting errors of one driver's odometry."""
+
+
+def make_space(who: Sequence[int], base: Sequence[int], calibrated: Sequence[int] = ()) -> Space:
+    """The space of some blocks; the odometry errors of the drivers `calibrated` are states."""
     pairs = [(d, b, 1) for b, d in enumerate(who)]
     pairs += [(d, b, 0) for b, d in enumerate(base) if d != WORLD]
     pairs.sort()
     drivers = max((d for d, _, _ in pairs), default=-1) + 1
     counts = np.bincount(np.array([d for d, _, _ in pairs], np.int64), minlength=drivers)
+    errors = np.full(drivers, -1)
+    errors[list(calibrated)] = 3 * len(who) + ERRORS * np.arange(len(calibrated))
     return Space(
         np.array(who, np.int64),
         np.array(base, np.int64),
         np.append(0, np.cumsum(counts)),
         np.array([b for _, b, _ in pairs], np.int64),
         np.array([forward for _, _, forward in pairs], np.int64),
-        3 * len(who) if calibrated else -1,
+        errors,
     )
 
 
-def world_space(robots: int, *, calibrated: bool = False) -> Space:
+def world_space(robots: int) -> Space:
     """Shi's: the pose of every robot in a fixed frame."""
-    return make_space(range(robots), [WORLD] * robots, calibrated=calibrated)
+    return make_space(range(robots), [WORLD] * robots)
 
 
 AT_REST = 0.01
@@ -72,11 +79,14 @@ def resting(v: float, omega: float) -> bool:
 
 @inlined
 def twist(x: Floats, space: Space, d: int, v: float, omega: float) -> tuple[float, float]:
-    """The measured twist of driver d with the errors that the state knows taken off."""
-    if space.calibration < 0 or resting(v, omega):
+    """The measured twist of driver d with the errors that the state knows taken off.
+
+    These are the shares that v and omega lack and what omega lacks throughout, rad/s.
+    """
+    s = space.calibration[d]
+    if s < 0 or resting(v, omega):
         return v, omega
-    s = space.calibration + 2 * d
-    return (1.0 + x[s]) * v, omega + x[s + 1]
+    return (1.0 + x[s]) * v, (1.0 + x[s + 1]) * omega + x[s + 2]
 
 
 @inlined

@@ -72,9 +72,12 @@ def linearize(
 
 @lean
 def turn_rows(
-    P: Floats, F: Floats, G: Floats, space: Space, k: int, s: int, u: float, dt: float
+    P: Floats, F: Floats, G: Floats, space: Space, k: int, s: int, u: float, turn: float, dt: float
 ) -> None:
-    """P <- F P in the rows of the k-th moved block; u (m): measured v dt, s: its scale or -1."""
+    """P <- F P in the rows of the k-th moved block.
+
+    u (m), turn (rad): measured v dt, omega dt; s: state index of their errors or -1.
+    """
     i = space.block[k]
     X, Y, T = 3 * i, 3 * i + 1, 3 * i + 2
     fx, fy = F[i, 0], F[i, 1]
@@ -86,13 +89,15 @@ def turn_rows(
             P[X, c], P[Y, c] = fx * px + fy * py, fx * py - fy * px
         if s >= 0:
             for r in (X, Y, T):
-                P[r, c] += u * G[r, 0] * P[s, c] + dt * G[r, 1] * P[s + 1, c]
+                more = turn * P[s + 1, c] + dt * P[s + 2, c]
+                P[r, c] += u * G[r, 0] * P[s, c] + G[r, 1] * more
 
 
 @lean
 def turn_columns(
-    P: Floats, F: Floats, G: Floats, space: Space, k: int, r: int, s: int, u: float, dt: float
-) -> None:
+    P: Floats, F: Floats, G: Floats, space: Space, k: int, r: int, s: int, u: float, turn: float,
+    dt: float,
+) -> None:  # fmt: skip
     """Row r of P <- P F^T in the columns of the k-th moved block."""
     i = space.block[k]
     X, Y, T = 3 * i, 3 * i + 1, 3 * i + 2
@@ -103,7 +108,8 @@ def turn_columns(
         P[r, X], P[r, Y] = fx * px + fy * py, fx * py - fy * px
     if s >= 0:
         for c in (X, Y, T):
-            P[r, c] += u * G[c, 0] * P[r, s] + dt * G[c, 1] * P[r, s + 1]
+            more = turn * P[r, s + 1] + dt * P[r, s + 2]
+            P[r, c] += u * G[c, 0] * P[r, s] + G[c, 1] * more
 
 
 @lean
@@ -117,18 +123,18 @@ def carry(
     F (B, 2) and G (N, 2) are scratch; `shift` see `linearize`.
     """
     first, last = space.first[d], space.first[d + 1]
-    known = space.calibration < 0 or resting(v_measured, omega_measured)
-    s = -1 if known else space.calibration + 2 * d
+    s = -1 if resting(v_measured, omega_measured) else space.calibration[d]
+    u, turn = v_measured * dt, omega_measured * dt
     v, omega = twist(x, space, d, v_measured, omega_measured)
     move(x, space, d, v, omega, dt)
     linearize(x, F, shift, space, d, v, omega, dt)
     noise_gains(x, G, space, d, v, omega, dt)
     for k in range(first, last):
-        turn_rows(P, F, G, space, k, s, v_measured * dt, dt)
+        turn_rows(P, F, G, space, k, s, u, turn, dt)
     for j in range(first, last):
         for r in range(3 * space.block[j], 3 * space.block[j] + 3):
             for k in range(first, last):
-                turn_columns(P, F, G, space, k, r, s, v_measured * dt, dt)
+                turn_columns(P, F, G, space, k, r, s, u, turn, dt)
     add_noise(P, G, space, d, density_v * dt, density_omega * dt)
     for k in range(first, last):
         for r in range(3 * space.block[k], 3 * space.block[k] + 3):

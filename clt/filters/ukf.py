@@ -16,11 +16,12 @@ import numpy as np
 
 from clt.filters.compiled import inlined, lean
 from clt.filters.eskf import REJECTED, USED, Run, most_at_once, read_out
-from clt.filters.gaussian import process_form, remembered, single
+from clt.filters.free import Free, directions, exchange, free_of, leave_out, wanted, whiten
+from clt.filters.gaussian import process_form, single
 from clt.filters.inputs import Outputs, RangeTable, Segments
 from clt.filters.problem import Problem
 from clt.filters.ranging import distance_of
-from clt.filters.reacquisition import LOST, reacquire, remember
+from clt.filters.reacquisition import follow
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Solution
 from clt.filters.space import Space, move, move_block, twist
@@ -49,10 +50,14 @@ class State(NamedTuple):
     """Covariance, shape (N, N)."""
     cursor: Indices
     """The twist segment that each driver is in."""
-    memory: Indices
-    """What each block's ranges said of late (`reacquisition`)."""
     G: Floats
     """Scratch: how the inputs' noise enters, shape (N, 2)."""
+
+
+@inlined
+def plain(space: Space, x: Floats) -> bool:
+    """Whether a state holds poses alone, and no errors of odometry that move several of them."""
+    return x.size == 3 * space.who.size
 
 
 @inlined
@@ -60,7 +65,7 @@ def move_points(points: Points, space: Space, d: int, v: float, omega: float, dt
     """Driver d moves its blocks of all pairs of sigma points that differ from the mean there."""
     for j in range(space.first[d], space.first[d + 1]):
         i, forward = space.block[j], space.forward[j]
-        pairs = 3 * i + 3 if space.calibration < 0 else points.m.size
+        pairs = 3 * i + 3 if plain(space, points.m) else points.m.size
         for k in range(pairs):
             for side in (points.plus[k], points.minus[k]):
                 v_k, omega_k = twist(side, space, d, v, omega)
@@ -95,7 +100,7 @@ def step(
 ) -> None:
     """All drivers move for dt seconds with the twists of their segments: x and P, in place."""
     x, P, cursor = state.x, state.P, state.cursor
-    blocks = space.calibration < 0
+    blocks = plain(space, x)
     draw(x, P, points)
     for d in range(cursor.size):
         k = cursor[d]
@@ -178,27 +183,23 @@ def innovate(
 @lean
 def correct(
     state: State, points: Points, lever: Floats, ranges: RangeTable, first: int, last: int,
-    gate: float, patience: int, measured: Measured, run: Run,
+    gate: float, space: Space, segments: Segments, free: Free, measured: Measured, run: Run,
 ) -> None:  # fmt: skip
-    """Gate and fuse the ranges of one instant, anew if they show that a robot was lost."""
-    a, b, memory = ranges.a, ranges.b, state.memory
-    lost, count = True, 0
-    while lost:
-        count = innovate(state, points, lever, ranges, first, last, gate, measured, run)
-        lost = reacquire(
-            state.P, a, b, run.residual, first, last, ranges.stamp[first], memory, patience
-        )
-    for k in range(first, last):
-        remember(a[k], b[k], run.verdict[k] == USED, memory)
-        remember(b[k], a[k], run.verdict[k] == USED, memory)
-    fuse(state.x, state.P, points.L, measured, count, points.excess)
+    """Gate and fuse the ranges of one instant."""
+    count = innovate(state, points, lever, ranges, first, last, gate, measured, run)
+    x, P, cursor = state.x, state.P, state.cursor
+    turns = directions(x, space, ranges, first, last, segments, cursor, free, free.before)
+    whiten(points.L, turns, free)
+    leave_out(measured.odd, count, turns, free)
+    fuse(x, P, points.L, measured, count, points.excess)
+    exchange(x, P, space, ranges, first, last, segments, cursor, free, turns)
 
 
 @lean
 def ukf(
     state: State, points: Points, start: int, end: int, space: Space, lever: Floats,
-    segments: Segments, ranges: RangeTable, outputs: Outputs, gate: float, patience: int,
-    form: int, measured: Measured, run: Run,
+    segments: Segments, ranges: RangeTable, outputs: Outputs, gate: float,
+    form: int, free: Free, measured: Measured, run: Run,
 ) -> None:  # fmt: skip
     """The filter over a whole log: fills `run`; `state` ends as the last posterior.
 
@@ -217,7 +218,9 @@ def ukf(
         while last < M and ranges.stamp[last] == now:
             last += 1
         if last > m:
-            correct(state, points, lever, ranges, m, last, gate, patience, measured, run)
+            correct(
+                state, points, lever, ranges, m, last, gate, space, segments, free, measured, run,
+            )  # fmt: skip
             m = last
         while o < O and outputs.stamp[o] == now:
             read_out(state.x, state.P, outputs.robot[o], run.mean, run.covariance, o)
@@ -226,25 +229,31 @@ def ukf(
 
 
 def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:
-    """Run the unscented Kalman filter on a problem.
+    """Run the unscented Kalman filter on a problem and search for robots that look lost.
 
     Raises UsageError for Shi's process noise outside the world frame.
     """
+    return follow(problem, settings, solve)
+
+
+def solve(problem: Problem, settings: FilterSettings) -> Solution:
+    """Run the filter alone."""
     form = process_form(problem, settings)
     x, P = problem.mean.astype(np.float64), problem.covariance.astype(np.float64)
-    segments, ranges, memory = problem.segments, problem.ranges, remembered(problem)
-    state = State(x, P, segments.first[:-1].copy(), memory.seen, np.zeros((x.size, 2)))
+    segments, ranges = problem.segments, problem.ranges
+    state = State(x, P, segments.first[:-1].copy(), np.zeros((x.size, 2)))
     M, O = ranges.stamp.size, problem.outputs.stamp.size  # noqa: E741
     run = Run(
         np.empty((O, 3)), np.empty((O, 3, 3)),
-        np.empty(M), np.empty(M), np.empty(M, np.int64), x, P, memory.seen[:, LOST],
+        np.empty(M), np.empty(M), np.empty(M, np.int64), x, P,
     )  # fmt: skip
     ukf(
         state, points_of(x.size, settings.ukf), problem.start, problem.end, problem.space,
         problem.lever, segments, ranges, problem.outputs, settings.gate,
-        int(settings.reacquire * 1e9), form, measured_of(most_at_once(ranges.stamp), x.size), run,
+        form, free_of(problem, wanted(problem, settings)),
+        measured_of(most_at_once(ranges.stamp), x.size), run,
     )  # fmt: skip
     return Solution(
-        run.mean, run.covariance, run.residual, run.variance, run.verdict, run.lost, single(x, P),
-        memory=memory,
+        run.mean, run.covariance, run.residual, run.variance, run.verdict,
+        np.zeros(len(problem.robots), np.int64), single(x, P),
     )  # fmt: skip

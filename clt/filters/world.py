@@ -5,25 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri
 
 from clt.filters import dpf, eskf, filterpy_engine, gaussian, mixture, particles, ukf
 from clt.filters.choices import View
+from clt.filters.diagnosis import diagnosis
+from clt.filters.finite import sane
+from clt.filters.inputs import RangeTable
+from clt.filters.misfit import find_misfit
 from clt.filters.posterior import Posterior
 from clt.filters.prior import Belief, moments, spread
 from clt.filters.problem import ABSOLUTE, Problem, lay_out
+from clt.filters.searches import found_again, not_found
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Filter, Solution
+from clt.filters.space import ERRORS
 from clt.geometry import ANY_HEADING
 from clt.init.start import Start
-from clt.streams import Floats, Innovations, Poses, Recording, Stamps, no_ranges
+from clt.streams import Floats, Innovations, Poses, Recording, Stamps
 
 UNIQUE = 0.999
 """A robot whose leading pose is less probable than this may be elsewhere."""
-BY_CHANCE = 1e-3
-"""Probability of a mean NIS that is not believed to be chance ..."""
-MISFIT = 1.3
-"""... if it is as large as this: smaller ones do no harm."""
 DROPPED = 0.01
 """Probability of hypotheses dropped for want of room that is worth a word."""
 LOST_SHARE = 0.5
@@ -100,13 +101,16 @@ def told(problem: Problem, block: int, covariance: Floats) -> Floats:
 def innovations(problem: Problem, solution: Solution, recording: Recording) -> Innovations:
     """One row per range that the filter saw."""
     row = problem.ranges.row
+    variance = np.where(solution.variance > 0.0, solution.variance, np.nan)
+    with np.errstate(over="ignore"):
+        nis = solution.residual**2 / variance
     return Innovations(
         problem.ranges.stamp,
         recording.ranges.source[row],
         recording.ranges.target[row],
         solution.residual,
-        np.sqrt(solution.variance),
-        solution.residual**2 / solution.variance,
+        np.sqrt(variance),
+        nis,
         solution.verdict != eskf.REJECTED,
     )
 
@@ -118,19 +122,10 @@ def lost_robots(problem: Problem, solution: Solution) -> tuple[str, ...]:
         own = problem.outputs.robot == i
         touched = (problem.ranges.a == i) | (problem.ranges.b == i)
         rejected = float(np.mean(solution.verdict[touched] != eskf.USED)) if touched.any() else 0.0
-        if not np.isfinite(solution.mean[own]).all() or rejected > LOST_SHARE:
+        numbers = sane(solution.mean[own], solution.covariance[own]).all()
+        if not numbers or rejected > LOST_SHARE:
             lost.append(name)
     return tuple(lost)
-
-
-def found_again(problem: Problem, solution: Solution) -> tuple[str, ...]:
-    """One line for each robot that the filter lost and searched for."""
-    return tuple(
-        f"{name} was lost {'once' if times == 1 else f'{times} times'}: most of its ranges "
-        "contradicted the estimate, so it was searched for anew"
-        for name, times in zip(problem.robots, solution.lost, strict=True)
-        if times > 0
-    )
 
 
 def became_unique(problem: Problem, solution: Solution) -> tuple[str, ...]:
@@ -172,29 +167,6 @@ def dropped(solution: Solution) -> tuple[str, ...]:
     return (line,)
 
 
-def misfit(problem: Problem, solution: Solution, filter_: str, *, decided: bool) -> tuple[str, ...]:
-    """A line where ranges scatter more than filter and sensors were told to.
-
-    `decided`: whether evidence of theirs has told several possible poses apart.
-    """
-    used = solution.verdict == eskf.USED
-    if not used.any():
-        return ()
-    nis = float(np.mean(solution.residual[used] ** 2 / solution.variance[used]))
-    table = problem.ranges
-    count = float(np.sum(table.variance[used] / table.weight_variance[used]))
-    most = float(chdtri(count, BY_CHANCE)) / count
-    if nis <= max(most, MISFIT):
-        return ()
-    line = (
-        f"the ranges scatter more than was told: mean NIS {nis:.2f} over {int(used.sum())} ranges, "
-        f"1 expected, {most:.2f} by chance at most; covariances are too small"
-    )
-    unsure = ", and what became unique may be wrong" if decided else ""
-    few = f", or {filter_}.particles, if they are too few" if filter_ in {"pf", "dpf"} else ""
-    return (f"{line}{unsure}: see noise.sigma_range, noise.scale, noise.bias, calibration{few}",)
-
-
 def shares(problem: Problem, solution: Solution, block: int) -> tuple[Floats, Stamps]:
     """Probability of a block's leading mode at each of its outputs, and their stamps (ns)."""
     own = problem.outputs.robot == block
@@ -205,14 +177,15 @@ def shares(problem: Problem, solution: Solution, block: int) -> tuple[Floats, St
 def calibrated(problem: Problem, belief: Belief) -> tuple[str, ...]:
     """One line for each driver whose odometry's errors were estimated."""
     lines = []
-    for d, name in enumerate(problem.drivers if problem.space.calibration >= 0 else ()):
-        s = problem.space.calibration + 2 * d
-        scale, sigma_scale = spread(belief, s)
-        bias, sigma_bias = spread(belief, s + 1)
-        if sigma_scale > 0.0 or sigma_bias > 0.0:
+    for name, s in zip(problem.drivers, problem.space.calibration.tolist(), strict=True):
+        if s >= 0:
+            (v, sigma_v), (omega, sigma_omega), (bias, sigma) = (
+                spread(belief, s + k) for k in range(ERRORS)
+            )
             lines.append(
-                f"odometry of {name}: scale {1.0 + scale:.4f} (sigma {sigma_scale:.4f}), "
-                f"bias {bias:+.4f} rad/s (sigma {sigma_bias:.4f})"
+                f"odometry of {name}: scale of v {1.0 + v:.4f} (sigma {sigma_v:.4f}), "
+                f"of omega {1.0 + omega:.4f} (sigma {sigma_omega:.4f}), "
+                f"bias {bias:+.4f} rad/s (sigma {sigma:.4f})"
             )
     return tuple(lines)
 
@@ -236,6 +209,17 @@ def cut_off(problem: Problem, solution: Solution) -> tuple[str, ...]:
     )
 
 
+def between_fixed(problem: Problem, recording: Recording) -> tuple[str, ...]:
+    """A line on the ranges between robots that are held fixed, which no estimate needs."""
+    ends = np.append(problem.ranges.a, problem.ranges.b)
+    fixed = -1 - np.unique(ends[ends < 0])
+    ranges = recording.ranges
+    count = int(np.sum(np.isin(ranges.source, fixed) & np.isin(ranges.target, fixed)))
+    if count == 0:
+        return ()
+    return (f"{count} ranges between static robots of known position are left out",)
+
+
 def localize(
     recording: Recording,
     start: Start,
@@ -245,17 +229,23 @@ def localize(
     """Filter a log. Raises CltError where nothing can be estimated."""
     problem = lay_out(recording, start, settings, estimator.view)
     solution = estimator.run(problem, settings)
-    return posterior_of(recording, problem, solution, estimator.filter)
+    return posterior_of(recording, problem, solution, settings, estimator.filter)
 
 
 def posterior_of(
-    recording: Recording, problem: Problem, solution: Solution, filter_: str
+    recording: Recording,
+    problem: Problem,
+    solution: Solution,
+    settings: FilterSettings,
+    filter_: str,
 ) -> Posterior:
     """A solution in the terms of the recording."""
     ends = [moments(solution.belief, b) for b in range(len(problem.robots))]
     unique = became_unique(problem, solution)
     decided = len(unique) > 0
-    doubtful = (*dropped(solution), *misfit(problem, solution, filter_, decided=decided))
+    names, source = recording.team.names, recording.ranges.source
+    misfit = find_misfit(problem, solution, settings, source, names)
+    crowded = dropped(solution)
     return Posterior(
         filter_,
         problem.robots,
@@ -265,16 +255,23 @@ def posterior_of(
         np.array([told(problem, b, P[None])[0] for b, (_, P) in enumerate(ends)]),
         (
             *unique,
+            *not_found(problem, solution),
             *calibrated(problem, solution.belief),
             *talk(solution),
+            *between_fixed(problem, recording),
         ),
-        (*problem.notes, *(() if decided else doubtful)),
+        (*problem.notes, *(() if decided else crowded)),
         (
             *problem.left_out,
             *found_again(problem, solution),
             *cut_off(problem, solution),
             *ambiguous(problem, solution),
-            *(doubtful if decided else ()),
+            *(crowded if decided else ()),
+            *(
+                ()
+                if misfit is None
+                else (diagnosis(misfit, problem, names, filter_, decided=decided),)
+            ),
         ),
         lost_robots(problem, solution),
         solution.traffic,
@@ -285,5 +282,7 @@ def dead_reckon(
     recording: Recording, start: Start, settings: FilterSettings, view: View = ABSOLUTE
 ) -> dict[str, Poses]:
     """Odometry alone from the same start: the baseline of every report."""
-    problem = lay_out(replace(recording, ranges=no_ranges()), start, settings, view)
+    problem = lay_out(recording, start, settings, view)
+    none = RangeTable._make(column[:0] for column in problem.ranges)
+    problem = replace(problem, ranges=none)
     return trajectories(problem, gaussian.solve_ekf(problem, settings))

@@ -22,7 +22,7 @@ from clt.init.standstill import standstill
 from clt.init.static import from_static
 from clt.init.status import Initialization, RobotStatus, unobservable
 from clt.init.team import Combination, Settled, Verdict, judge_team, settle
-from clt.streams import Floats, Recording
+from clt.streams import WORLD, Floats, Recording
 
 CERTAIN = 0.9999
 """Probability from which a pose is taken; below it the robot is ambiguous."""
@@ -81,7 +81,9 @@ def from_motion(recording: Recording, settings: FilterSettings) -> Initializatio
         robots |= statuses(tried, doubt)
     surveyed = len(found.frames) > 0 and found.frames[0].surveyed
     ordered = {robot.name: robots[robot.name] for robot in team.robots}
-    return Initialization(when.stamp, surveyed, ordered, (*when.notes, *found.notes, *notes))
+    said = (*when.notes, *found.notes, *notes)
+    frame = team.frame if surveyed else WORLD
+    return Initialization(when.stamp, surveyed, ordered, said, frame=frame)
 
 
 def agreed(

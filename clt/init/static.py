@@ -16,7 +16,7 @@ from clt.init.outcome import TOO_FEW
 from clt.init.pairs import mean_distances
 from clt.init.start import InitialPose
 from clt.init.status import Alternative, Initialization, RobotStatus, unobservable
-from clt.streams import Floats, Recording
+from clt.streams import WORLD, Floats, Recording
 
 MIRROR = "ranges alone do not tell this layout from its mirror image"
 DISTINCT = 0.02
@@ -49,7 +49,8 @@ def from_static(recording: Recording, settings: FilterSettings) -> Initializatio
         notes.append(MIRROR)
     axis = widest_pair(list(known.values())) if surveyed and on_a_line else None
     robots = {name: _status(found, i, axis) for i, name in enumerate(team.names)}
-    return Initialization(begin, surveyed, robots, tuple(notes))
+    frame = team.frame if surveyed else WORLD
+    return Initialization(begin, surveyed, robots, tuple(notes), frame=frame)
 
 
 def _status(layout: Layout, i: int, axis: tuple[Floats, Floats] | None) -> RobotStatus:

@@ -28,8 +28,6 @@ from clt.filters.settings import FilterSettings
 from clt.filters.unicycle import EXACT
 from clt.streams import Floats, Recording
 
-NEVER = 1e7
-"""Seconds after which a lost robot would be searched for anew: the bank does that itself."""
 WORST = 25.0
 """NIS beyond which a range tells no more against a hypothesis, where there is no gate."""
 NO_OUTPUTS = Outputs(np.empty(0, np.int64), np.empty(0, np.int64))
@@ -111,7 +109,6 @@ def run(window: Window, mean: Floats, covariance: Floats) -> eskf.Run:
         window.ranges,
         NO_OUTPUTS,
         gate=window.settings.gate,
-        reacquire=NEVER,
         form=EXACT,
     )
 

@@ -18,6 +18,7 @@ from clt.log.reader import Log
 from clt.log.roles import Stream
 from clt.log.table import Messages
 from clt.log.template import Column, Decoded
+from clt.printable import name as shown
 from clt.streams import Floats, Indices, Odometry, Poses, Stamps
 
 Paths = TypeVar("Paths")
@@ -70,6 +71,10 @@ class Table:
         if column.dtype == np.uint64:
             column = np.minimum(column, LARGEST)
         return column.astype(np.int64)
+
+    def texts(self, path: str) -> NDArray[np.object_]:
+        """A field of text. Raises LogError."""
+        return self._checked(path, "O", "a text").astype(np.object_)
 
     def flags(self, path: str) -> NDArray[np.bool_]:
         """A field that is true or false, or 0 for false. Raises LogError."""
@@ -167,10 +172,11 @@ def poses(log: Log, stream: Stream, with_covariance: bool) -> Poses:
     paths = [*wanted, *matrix, "header.frame_id"]
     data = table(log, stream.topic, paths, stream.log_time)
     values = [data.floats(path) for path in wanted]
-    frames = data.column("header.frame_id").astype(np.str_)
+    frames = data.texts("header.frame_id")
     frame = str(frames[data.decoded.good][0]) if data.decoded.good.any() else ""
-    strange = data.decoded.good & (frames != frame)
-    same = tidy.drop(log.faults, data.place, "frame", strange, f"poses are not in `{frame}`")
+    strange = data.decoded.good & (frames != frame).astype(np.bool_)
+    text = f"poses are not in `{shown(frame)}`"
+    same = tidy.drop(log.faults, data.place, "frame", strange, text)
     rows = _rows(log, data, *values, *(data.floats(path, 36) for path in matrix))
     rows = rows[same[rows]]
     x, y, *quaternion = (value[rows] for value in values)

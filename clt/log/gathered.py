@@ -26,7 +26,7 @@ class Gathered:
 
     counts: list[int] = field(default_factory=list)
     """Messages of each channel, by its number."""
-    _wanted: list[bool] = field(default_factory=list)
+    _wanted: bytearray = field(default_factory=bytearray)
     _data: bytearray = field(default_factory=bytearray)
     """Grows in place, so that what was inflated is not held twice."""
     _tables: list[Messages] = field(default_factory=lambda: [NONE])
@@ -45,7 +45,7 @@ class Gathered:
         counts = np.bincount(messages.channel)
         for number in np.flatnonzero(counts):
             self.counts[number] += int(counts[number])
-        keep = np.array(self._wanted)[messages.channel]
+        keep = np.frombuffer(bytes(self._wanted), np.bool_)[messages.channel]
         if keep.any():
             wanted = compact(messages if keep.all() else messages.select(keep))
             offset = wanted.offset + len(self._data)

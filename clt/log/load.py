@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from clt.document import Document
 from clt.errors import LogError
-from clt.log import convert, crew, packets, ranging
-from clt.log.metadata import decode_run
+from clt.log import convert, crew, packets, ranging, timeline
+from clt.log.metadata import TEAM, decode_run
 from clt.log.reader import Log, Topic, read
 from clt.log.roles import ALL, Roles, by_file, by_name, role_of
 from clt.streams import Recording, no_ranges
@@ -35,6 +35,12 @@ class LoadedLog:
     """What wrote the log."""
     topics: Mapping[str, Topic]
     """Every topic of the log, whether it was read or not."""
+    used: frozenset[str] = frozenset()
+    """Those that were read."""
+    files: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of each file of a bag's folder, by name."""
+    own: bool = False
+    """Its team stands in its metadata: clt wrote it."""
 
 
 def load(
@@ -43,7 +49,7 @@ def load(
     want: frozenset[str] = ALL,
     brief: bool = False,
 ) -> LoadedLog:
-    """Read what is wanted of a log; `-` is standard input.
+    """Read what is wanted of a log; `-` is standard input, a folder the bag in it.
 
     `streams` maps the topics of other people's logs. `want` holds names of `clt.log.roles.Role`;
     what a log lacks is simply absent. `brief` suits those who only count: see
@@ -53,12 +59,24 @@ def load(
     mapped = None if streams is None else _streams_file(streams)
     log = read(path, lambda topic, _: _wanted(topic, mapped, want))
     _check_readable(log)
-    roles = by_name(log.topics, want) if mapped is None else by_file(mapped, want)
     if mapped is not None:
-        mapped.check(log.topics, f"{streams}: {log.name}")
+        from clt.log.resolve import resolve  # noqa: PLC0415 - pydantic is slow to import
+
+        mapped = resolve(mapped, log.topics, f"{streams}: {log.name}", log.faults)
+    roles = by_name(log.topics, want) if mapped is None else by_file(mapped, want)
     recording = _recording(log, roles, mapped, brief)
+    clocks = timeline.faults_of(timeline.look(recording), log.name)
+    recording = replace(recording, faults=(*recording.faults, *clocks))
     return LoadedLog(
-        recording, log.sha256, log.name, log.header.profile, log.header.library, log.topics
+        recording,
+        log.sha256,
+        log.name,
+        log.header.profile,
+        log.header.library,
+        log.topics,
+        roles.topics,
+        log.files,
+        any(record.name == TEAM for record in log.metadata),
     )
 
 
@@ -70,7 +88,7 @@ def _streams_file(source: Path | Document) -> StreamsFile:
 
 def _wanted(topic: str, mapped: StreamsFile | None, want: frozenset[str]) -> bool:
     if mapped is not None:
-        return topic in mapped.topics
+        return mapped.wants(topic)
     found = role_of(topic)
     return found is not None and found[1] in want
 
@@ -84,7 +102,10 @@ def _recording(log: Log, roles: Roles, mapped: StreamsFile | None, brief: bool) 
         team = crew.told(log) or crew.inferred(log, measured, framed)
         roles = crew.known_only(log, roles, team)
         if len(team.robots) == 0:
-            text = f"no topic is named as clt names them; map them with --streams: {_list(log)}"
+            text = (
+                "no topic is named as clt names them; `clt streams` drafts a file for --streams: "
+                f"{_list(log)}"
+            )
             log.faults.add("unmapped", "topics", text)
     ranges = ranging.join(log, [one for _, one in measured], team, brief)
     odometry = {name: convert.odometry(log, stream) for name, stream in roles.odometry.items()}

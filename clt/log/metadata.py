@@ -11,13 +11,14 @@ from dataclasses import asdict
 from typing import Any, Literal, cast
 
 from clt.errors import LogError
-from clt.streams import Communication, Robot, Team
+from clt.streams import WORLD, Communication, Robot, Team
 
 TEAM = "clt.team"
 RUN = "clt.run"
 CALIBRATION = "calibration"
 """Which calibration the columns contain, as JSON: a key of `clt.team`, and of `Recording.run`."""
 COMMUNICATION = "communication"
+FRAME = "frame"
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
@@ -32,6 +33,8 @@ def encode_team(team: Team, calibration: Mapping[str, object] | None = None) -> 
     }
     if team.range_correlation > 0.0:
         record["range_correlation"] = team.range_correlation
+    if team.frame != WORLD:
+        record[FRAME] = team.frame
     if team.communication is not None:
         told = asdict(team.communication)
         record[COMMUNICATION] = told | {
@@ -57,11 +60,18 @@ def decode_team(record: Mapping[str, str]) -> Team:
         _number(_json(record, "range_sigma", "null"), "range_sigma", positive=True),
         0.0 if math.isnan(correlation) else correlation,
         _communication(_json(record, COMMUNICATION, "null")),
+        _frame(_json(record, FRAME, f'"{WORLD}"')),
     )
     for what, values in (("name", team.names), ("id", [robot.id for robot in team.robots])):
         if len(set(values)) < len(values):
             raise LogError(f"{TEAM}: two robots share one {what}")
     return team
+
+
+def _frame(value: Any) -> str:
+    if not isinstance(value, str) or value == "":
+        raise LogError(f"{TEAM}: `{FRAME}` is not a frame id")
+    return value
 
 
 def _communication(table: Any) -> Communication | None:

@@ -56,7 +56,26 @@ def output_path(path: Path, force: bool = False, inputs: Sequence[Path] = ()) ->
     with unfinished(path) as temporary:
         yield temporary
         with _written(path, temporary):
-            temporary.replace(path.resolve())
+            _take_name(temporary, path, force)
+
+
+def _take_name(temporary: Path, path: Path, force: bool) -> None:
+    """Give the finished file its name. Raises CltError where it is taken, unless `force`.
+
+    A link, unlike a renaming, fails where the name exists; where a file system has no links, the
+    name is looked at just before.
+    """
+    if not force:
+        try:
+            os.link(temporary, path.resolve())
+        except FileExistsError:
+            raise CltError(f"{path}: appeared meanwhile; use --force to overwrite it") from None
+        except OSError:
+            if path.exists():
+                raise CltError(f"{path}: appeared meanwhile; use --force to overwrite it") from None
+        else:
+            return  # the temporary name is removed by the caller
+    temporary.replace(path.resolve())
 
 
 def check(path: Path, force: bool = False, inputs: Sequence[Path] = ()) -> None:

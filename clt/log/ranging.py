@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -192,7 +191,9 @@ def innovations(log: Log, topic: str, team: Team) -> Innovations:
     source, target = (of_ids(team, data.integers(name)) for name in names[:2])
     residual, sigma, nis = (data.floats(name) for name in names[3:])
     good = data.decoded.good
-    rows = tidy.usable(log.faults, topic, good, residual, sigma, nis, most=math.inf)
+    rows = tidy.usable(log.faults, topic, good, residual, sigma, nis / tidy.MOST)
+    wrong = (sigma[rows] <= 0.0) | (nis[rows] < 0.0)
+    rows = rows[tidy.drop(log.faults, topic, "absurd", wrong, "rows hold a sigma or NIS below 0")]
     strange = (source[rows] < 0) | (target[rows] < 0)
     rows = rows[tidy.drop(log.faults, topic, "unknown", strange, "rows name an unknown robot")]
     rows = rows[tidy.sorted_rows(log.faults, topic, data.stamp[rows])]

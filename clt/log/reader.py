@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from clt.errors import LogError
@@ -12,12 +11,12 @@ from clt.log import template
 from clt.log.faults import Faults
 from clt.log.gathered import Gathered
 from clt.log.msgdef import DefinitionError, Struct, parse, short
+from clt.log.opened import Joined, Scanned, opened
 from clt.log.records import Document, Header, Metadata
-from clt.log.scan import Channel, Scan
+from clt.log.scan import Channel
 from clt.log.table import Messages
+from clt.log.wire import Budget
 from clt.streams import Attachment
-
-STDIN = Path("-")
 
 
 @dataclass(frozen=True)
@@ -58,6 +57,10 @@ class Log:
     faults: Faults
     sha256: str
     gathered: Gathered
+    files: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of each file of a bag's folder, by name."""
+    budget: Budget = field(default_factory=Budget)
+    """Of decoding."""
 
     def messages(self, topic: str) -> Messages:
         """The messages of a wanted topic, in file order."""
@@ -84,32 +87,25 @@ class Log:
         Raises LogError for a definition that makes no sense, PathError for an unknown field.
         """
         struct, messages = self.struct(topic), self.messages(topic)
-        schema = self.topics[topic].channels[0].schema
-        text = "" if schema is None else schema.data.decode("utf-8")
-
-        def ordinary(rest: Messages) -> template.Decoded:
-            from clt.log import ordinary as slow  # noqa: PLC0415 - seldom needed, slow to import
-
-            return slow.decode(rest, struct, text, paths)
-
-        return messages, template.decode(messages, struct, paths, ordinary)
+        return messages, template.decode(messages, struct, paths, self.budget)
 
 
 def read(path: Path, want: Callable[[str, str], bool]) -> Log:
-    """Read a log; `-` is standard input. `want` tells by topic and type what to keep.
+    """Read a log; `-` is standard input, a folder the bag in it.
 
-    Raises LogError naming the file: missing, a directory, empty, not MCAP, without messages.
+    `want` says by topic and type what to keep.
+    Raises LogError naming the file: missing, empty, no log, without messages.
     """
-    if path == STDIN:
-        return _read(Scan(sys.stdin.buffer, "standard input"), want)
     try:
-        with path.open("rb", buffering=0) as file:
-            return _read(Scan(file, str(path)), want)
+        with opened(path, want) as scan:
+            return _read(scan, want)
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from None
+    except MemoryError:
+        raise LogError(f"{path}: memory ran out while reading it") from None
 
 
-def _read(scan: Scan, want: Callable[[str, str], bool]) -> Log:
+def _read(scan: Scanned, want: Callable[[str, str], bool]) -> Log:
     header = Header("", "")
     channels: list[Channel] = []
     metadata: list[Metadata] = []
@@ -142,25 +138,22 @@ def _read(scan: Scan, want: Callable[[str, str], bool]) -> Log:
         faults,
         scan.sha256(),
         gathered.packed(),
+        scan.digests if isinstance(scan, Joined) else {},
     )
 
 
 def _topics(channels: Sequence[Channel], gathered: Gathered) -> dict[str, Topic]:
     """Topics by name; a topic may have several channels, as in joined files."""
-    topics: dict[str, Topic] = {}
+    found: dict[str, list[Channel]] = {}
     for channel in channels:
-        count = gathered.counts[channel.number]
-        topic = topics.get(channel.topic)
-        if topic is None:
-            topics[channel.topic] = Topic(channel.topic, (channel,), count)
-        else:
-            topics[channel.topic] = replace(
-                topic, channels=(*topic.channels, channel), count=topic.count + count
-            )
-    return topics
+        found.setdefault(channel.topic, []).append(channel)
+    return {
+        name: Topic(name, tuple(several), sum(gathered.counts[one.number] for one in several))
+        for name, several in found.items()
+    }
 
 
-def _nothing(scan: Scan) -> str:
+def _nothing(scan: Scanned) -> str:
     faults = scan.faults.all()
     why = "" if len(faults) == 0 else f" ({faults[0].text.removeprefix(scan.name + ': ')})"
     return f"{scan.name}: the log has no messages{why}"

@@ -19,6 +19,8 @@ SPEED, TURN = 0.02, 0.01
 DOUBT = 4.0
 """How many standard errors a motion must rise above the noise."""
 TOLD = 4
+MOST_IDLE = 2
+"""Static robots that nobody ranges: so many stand for all that a remedy may use."""
 
 
 def advise(
@@ -29,7 +31,7 @@ def advise(
     `placed` names the robots that have initial poses: static ones among them count as known. Mirror
     images are no matter here: the initial poses choose the side.
     """
-    found = analyse(setup_of(recording, placed, frame))
+    found = analyse(setup_of(recording, placed, frame, idle=MOST_IDLE))
     if found.observable:
         return ()
     remedy = f"; remedy: {offers(found)}" if len(found.remedies) > 0 else ""
@@ -46,11 +48,17 @@ def offers(found: Analysis) -> str:
     return ", or ".join(texts)
 
 
-def setup_of(recording: Recording, placed: Collection[str] = (), frame: str = "world") -> Setup:
+def setup_of(
+    recording: Recording,
+    placed: Collection[str] = (),
+    frame: str = "world",
+    idle: int | None = None,
+) -> Setup:
     """The setup that a recording holds: who ranged whom, who moved and turned at all.
 
     Without any static robot of known position the world is what the first two of them span. A
-    robot of which nothing tells how it moved is left out. Raises CltError where
+    robot of which nothing tells how it moved is left out. `idle`: so many static robots that no
+    range touches take part, of known position only; None: all. Raises CltError where
     that is the one in whose frame poses are asked for.
     """
     kind, _, names = frame.partition(":")
@@ -58,10 +66,16 @@ def setup_of(recording: Recording, placed: Collection[str] = (), frame: str = "w
     told = positions_told(recording)
     nodes: list[Node] = []
     place: dict[int, int] = {}
+    apart = set() if idle is None else set(recording.idle).difference(names.split(","))
+    spare = 0 if idle is None else idle
     for k, robot in enumerate(recording.team.robots):
         if robot.name not in chosen or not (robot.static or has_motion(recording, robot)):
             continue
         known = robot.static and (robot.name in told or robot.name in placed)
+        if robot.name in apart:
+            if kind != "world" or not known or spare == 0:
+                continue
+            spare -= 1
         place[k] = len(nodes)
         motion = Motion.FREE if robot.static else motion_of(recording, robot.name)
         nodes.append(Node(robot.name, robot.static, known and kind == "world", motion))

@@ -94,10 +94,9 @@ def test_the_exact_step_is_what_runge_kutta_converges_to():
 @pytest.mark.parametrize("calibrated", [False, True])
 @pytest.mark.parametrize("driver", [0, 1])
 def test_the_covariance_moves_with_the_derivatives_of_the_motion(who, base, calibrated, driver):
-    space = make_space(who, base, calibrated=calibrated)
+    space = make_space(who, base, (1, driver) if calibrated and driver != 1 else [1] * calibrated)
     rng = np.random.default_rng(3)
-    drivers = space.first.size - 1
-    N = 3 * len(who) + (2 * drivers if calibrated else 0)
+    N = 3 * len(who) + 3 * int(np.sum(space.calibration >= 0))
     x = rng.normal(size=N)
     if calibrated:
         x[3 * len(who) :] *= 0.05
@@ -107,9 +106,9 @@ def test_the_covariance_moves_with_the_derivatives_of_the_motion(who, base, cali
 
     def step(state, dv=0.0, dw=0.0):
         state = state.copy()
-        s = 3 * len(who) + 2 * driver
-        scale, bias = (state[s], state[s + 1]) if calibrated else (0.0, 0.0)
-        move(state, space, driver, (1 + scale) * v + dv, omega + bias + dw, dt)
+        s = 3 * len(who) + 3 * (driver != 1)
+        a, b, bias = state[s : s + 3] if calibrated else (0.0, 0.0, 0.0)
+        move(state, space, driver, (1 + a) * v + dv, (1 + b) * omega + bias + dw, dt)
         return state
 
     e = 1e-6
@@ -161,11 +160,11 @@ def test_other_frames_are_refused(text):
 
 
 def test_wheels_at_rest_have_no_errors():
-    space = make_space((1,), (0,), calibrated=True)
-    x, P = np.arange(7.0), np.eye(7)
+    space = make_space((1,), (0,), (0, 1))
+    x, P = np.arange(9.0), np.eye(9)
     x[3:] = 0.1
     before = x.copy()
-    scratch = np.zeros((1, 2)), np.zeros((7, 2)), np.zeros((1, 2))
+    scratch = np.zeros((1, 2)), np.zeros((9, 2)), np.zeros((1, 2))
     carry(x, P, *scratch, space, 0, 0.004, -0.009, 1.0, 0.0, 0.0)
     move(before, space, 0, 0.004, -0.009, 1.0)
     np.testing.assert_array_equal(x, before)

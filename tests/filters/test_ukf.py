@@ -253,15 +253,15 @@ def test_outliers_are_rejected():
 def test_errors_of_odometry_are_learned():
     recording = team_recording(seed=6, seconds=60.0)
     wrong = {
-        name: replace(odometry, v=odometry.v / 1.1, omega=odometry.omega - 0.03)
+        name: replace(odometry, v=odometry.v / 1.1, omega=(odometry.omega - 0.03) / 1.08)
         for name, odometry in recording.odometry.items()
     }
     options = FilterSettings(noise={"scale": 0.1, "bias": 0.05})
     ours = solve_ukf(laid_out(replace(recording, odometry=wrong), options), options)
-    learned = ours.belief.mean[0, -6:].reshape(3, 2)
-    sigma = np.sqrt(ours.belief.covariance[0].diagonal()[-6:]).reshape(3, 2)
-    assert np.all(np.abs(learned - (0.1, 0.03)) < 3.5 * sigma)
-    assert np.all(sigma < (0.05, 0.03))
+    learned = ours.belief.mean[0, -9:].reshape(3, 3)
+    sigma = np.sqrt(ours.belief.covariance[0].diagonal()[-9:]).reshape(3, 3)
+    assert np.all(np.abs(learned - (0.1, 0.08, 0.03)) < 3.5 * sigma)
+    assert np.all(sigma < (0.05, 0.08, 0.03))
 
 
 @pytest.mark.parametrize("frame", ["world", "ego:R1", "mutual:R1,R2"])

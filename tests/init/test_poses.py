@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -23,6 +24,15 @@ def test_poses_hold_at_the_beginning_of_the_odometry_of_those_given():
     assert given("[R1]\nx = 1\ny = 2\nheading = 0").stamp == BEGIN
     assert start.poses["R1"].mean.tolist() == [1.0, -2.5, 3.0]
     assert start.poses["R2"].mean.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_they_stand_in_the_frame_of_the_known_positions():
+    log = recording()
+    log = replace(log, team=replace(log.team, frame="map"))
+    tables = tomllib.loads("[R1]\nx = 1\ny = 2\nheading = 0")
+    assert from_poses(log, tables, "poses.toml", SIGMA).frame == "map"
+    assert from_poses(log, tables, "poses.toml", SIGMA, "R2").frame == "R2/base_link"
+    assert given("[R1]\nx = 1\ny = 2\nheading = 0").frame == "world"
 
 
 def test_headings_are_brought_onto_the_circle():

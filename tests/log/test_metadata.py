@@ -43,6 +43,7 @@ teams = st.builds(
         loss=st.floats(0.0, 0.99),
         delay=st.floats(0.0, 1e3),
     ),
+    frame=st.sampled_from(["world", "map", "\u00e9"]),
 )
 
 
@@ -52,6 +53,14 @@ def test_there_and_back(team):
     assert all(isinstance(json.loads(text), object) for text in record.values())
     again = decode_team(record)
     assert repr(astuple(again)) == repr(astuple(team))
+
+
+def test_a_frame_must_have_a_name():
+    record = encode_team(Team((Robot("R1", 1),)))
+    assert "frame" not in record
+    for wrong in ('""', "3", "null"):
+        with pytest.raises(LogError, match="`frame` is not a frame id"):
+            decode_team(record | {"frame": wrong})
 
 
 def test_what_is_not_known_is_null():
