@@ -144,7 +144,7 @@ def root(
     """Where is every robot of a team, from ranges and wheel odometry alone."""
 
 
-def main() -> None:
+def run() -> None:
     """Run the program; `clt.cli.entry` handles signals before it imports this."""
     prepare()
     if len(sys.warnoptions) == 0:
@@ -153,3 +153,10 @@ def main() -> None:
         app()
     except OSError as error:  # of `clt --help` on a full disk
         sys.exit(tell(error))
+
+
+def main() -> None:
+    """Entry point of programs that an earlier version installed."""
+    from clt.cli.entry import main as start
+
+    start()

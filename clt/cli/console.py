@@ -14,13 +14,6 @@ if TYPE_CHECKING:
 DONE, FAILED, USAGE, PARTIAL, INTERRUPTED = 0, 1, 2, 3, 130
 
 
-def one_line(text: str) -> str:
-    """Text that cannot leave its line nor reach a terminal as anything but text."""
-    return "".join(
-        sign if sign.isprintable() else " " if sign.isspace() else "?" for sign in text
-    ).strip()
-
-
 @dataclass
 class Console:
     """Diagnostics of one command run; `code` is 3 once something was only partly done."""

@@ -28,7 +28,7 @@ def main() -> None:
 
     def work() -> None:
         try:
-            from clt.cli.app import main as run
+            from clt.cli.app import run
 
             run()
         except BaseException as error:  # noqa: BLE001 - raised again in the main thread

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from clt.cli.console import one_line
+from clt.printable import printable
 
 FORMS = (
     (r"Missing command\.", "give a command"),
@@ -48,7 +48,7 @@ def usage_line(error: Any, command: str | None) -> str:
         text += "" if hint.startswith(";") else hint
     place = f"{words[-1]}: " if len(words) > 1 else ""
     text = text.replace("' / '", "/").replace(QUOTE, "")
-    return one_line(f"{place}{text}; see {' '.join(words)} --help")
+    return printable(f"{place}{text}; see {' '.join(words)} --help")
 
 
 def _hint(text: str) -> str:

@@ -104,7 +104,7 @@ def parameters(case: Case, base: Residuals) -> list[Key]:
     keys.append(Key("gain"))
     if in_world(problem):
         keys += [Key(axis, end) for end in ends if end < 0 for axis in ("x", "y")]
-    if problem.space.calibration < 0:
+    if not np.any(problem.space.calibration >= 0):
         keys += [Key(kind, d) for d in driving(problem) for kind in ("scale", "turn scale", "bias")]
     return keys
 

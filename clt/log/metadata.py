@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import Any, Literal, cast
@@ -19,6 +18,8 @@ CALIBRATION = "calibration"
 """Which calibration the columns contain, as JSON: a key of `clt.team`, and of `Recording.run`."""
 COMMUNICATION = "communication"
 FRAME = "frame"
+MOST = 1e12
+"""No number of a team is larger in SI units; its square is still a number."""
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
@@ -171,12 +172,13 @@ def _decode(data: Any, place: str) -> Robot:
 
 
 def _number(value: Any, place: str, positive: bool = False) -> float:
-    """A finite number, or NaN for null."""
+    """A finite number of at most MOST, or NaN for null."""
     if value is None:
         return math.nan
     fits = isinstance(value, int | float) and not isinstance(value, bool)
-    if not fits or not abs(value) <= sys.float_info.max or (positive and value < 0.0):
+    if not fits or not abs(value) <= MOST or (positive and value < 0.0):
         kind = "a number >= 0" if positive else "a finite number"
+        kind += f" up to {MOST:g}" if fits and abs(value) > MOST else ""
         raise LogError(f"{TEAM}: `{place}` is not {kind}")
     return float(value)
 

@@ -83,7 +83,7 @@ def test_a_command_that_was_killed_leaves_nothing_once_the_next_one_has_run(star
     process.stdin.write(small_log()[:2000])
     process.stdin.flush()
     until_it_writes(process, tmp_path)
-    alive = started("recover", "-", "-o", "out.mcap")
+    alive = started("recover", "-", "-o", "out.mcap", "--force")
     alive.stdin.write(small_log()[:2000])
     alive.stdin.flush()
     while len(list(tmp_path.iterdir())) < 2:

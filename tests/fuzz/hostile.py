@@ -156,6 +156,8 @@ def missing(recording: Recording, rng: Random) -> Recording:
 def teams(recording: Recording, rng: Random) -> Recording:
     """Other roles, places, noise."""
     robots = list(recording.team.robots)
+    if len(robots) == 0:
+        return recording
     k = rng.randrange(len(robots))
     place = (rng.choice([0.0, 1.0, 1e9, -1e300]), rng.choice([0.0, 2.0, 1e300]))
     sigma = rng.choice([0.0, 1e-300, 1e-9, 1e6, 1e300])

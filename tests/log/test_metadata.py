@@ -14,7 +14,7 @@ from clt.errors import LogError
 from clt.log.metadata import decode_team, encode_team
 from clt.streams import Communication, Robot, Team
 
-finite = st.floats(allow_nan=False, allow_infinity=False)
+finite = st.floats(-1e12, 1e12)
 sigma = st.one_of(st.just(math.nan), st.floats(0.0, 1e9))
 robots = st.builds(
     Robot,
@@ -98,6 +98,11 @@ def test_a_short_record_is_enough():
         ({}, "`robots` is missing"),
         ({"robots": "nonsense"}, "`robots` is not JSON"),
         ({"robots": "[" * 100_000}, "`robots` is not JSON"),
+        (robot(sigma_v=1e300), r"`robots\[0\].sigma_v` is not a number >= 0 up to 1e\+12"),
+        (
+            robot(position=[0.0, -1e300]),
+            r"`robots\[0\].position` is not a finite number up to 1e\+12",
+        ),
         ({"robots": "{}"}, "`robots` is not a list"),
         ({"robots": "[1]"}, r"`robots\[0\]` is not a table"),
         (robot(name="1R"), r"robots\[0\].name"),
