@@ -8,6 +8,7 @@ import numpy as np
 
 from clt.filters import received, world
 from clt.filters.posterior import Posterior
+from clt.filters.prior import sound
 from clt.filters.settings import FilterSettings
 from clt.filters.world import SHI, Estimator
 from clt.init.start import InitialPose, Start
@@ -72,11 +73,14 @@ def certain(pose: InitialPose) -> bool:
 
 
 def finite(posterior: Posterior) -> dict[str, Poses]:
-    """The trajectories that hold numbers throughout; a result log never holds NaN."""
+    """The trajectories that hold numbers throughout; a result log never holds NaN.
+
+    Nor a variance below zero, as rounding leaves where all certainty was lost.
+    """
     return {
         name: poses
         for name, poses in posterior.poses.items()
         if all(np.isfinite(column).all() for column in (poses.x, poses.y, poses.heading))
         and poses.covariance is not None
-        and np.isfinite(poses.covariance).all()
+        and sound(poses.covariance)
     }

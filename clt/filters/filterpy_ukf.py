@@ -12,7 +12,7 @@ from scipy.linalg import LinAlgError, cholesky
 from clt.filters.eskf import USED
 from clt.filters.filterpy_model import Clock, Piece, lines, moved, noise
 from clt.filters.filterpy_run import Guard, run
-from clt.filters.free import exchange, find, free_of, wanted
+from clt.filters.free import add_turns, exchange, find, free_of, hold_still, wanted
 from clt.filters.gaussian import process_form
 from clt.filters.problem import Problem
 from clt.filters.settings import FilterSettings
@@ -47,18 +47,6 @@ def transition(x: Floats, dt: float, space: Space, pieces: list[Piece]) -> Float
     return moved(x, space, pieces)
 
 
-def without(images: Floats, white: Floats) -> Floats:
-    """Images (2 N + 1, m) of the sigma points with what is odd along some directions taken out.
-
-    `white` (count, N): the directions in the order of the pairs of points, orthonormal.
-    """
-    if white.shape[0] == 0:
-        return images
-    N = white.shape[1]
-    part = white.T @ (white @ (0.5 * (images[1 : N + 1] - images[N + 1 :])))
-    return np.concatenate([images[:1], images[1 : N + 1] - part, images[N + 1 :] + part])
-
-
 class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
     """filterpy's UKF of a team."""
 
@@ -79,24 +67,38 @@ class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
         del drivers
         every = range(self.clock.time.size)
         while self.now < until:
-            stop = min(self.clock.stop(d, until) for d in every)
+            stop, cursor = min(self.clock.stop(d, until) for d in every), self.clock.cursor.copy()
             pieces = [p for d in every if (p := self.clock.piece(d, stop)) is not None]
             x = moved(self.x, self.space, pieces)
             self.Q = sum(
                 (noise(x, self.space, piece, shi=self.shi) for piece in pieces),
                 np.zeros_like(self.P),
             )
+            nothing = self.problem.ranges, 0, 0, self.problem.segments, cursor
+            turns = find(self.x, self.P, self.space, *nothing, self.free)
+            self.P = self.held(turns)
             self.predict(space=self.space, pieces=pieces)
+            add_turns(self.x, self.P, self.space, *nothing, self.free, turns)
             self.now = stop
+
+    def held(self, turns: int) -> Floats:
+        """What of the covariance is along none of the turns found."""
+        if turns == 0:
+            held: Floats = self.P
+            return held
+        hold_still(self.P, turns, self.free)
+        return self.free.U.copy()
 
     def correct(self, rows: slice, guard: Guard) -> tuple[Floats, Floats, Indices]:
         """Gate and fuse the ranges `rows` of one instant: residual, its variance, verdict."""
         ranges, z = self.problem.ranges, self.problem.ranges.range[rows]
-        images = np.empty((0, z.size))
+        images, turns = np.empty((0, z.size)), 0
+        instant = ranges, rows.start, rows.stop, self.problem.segments, self.clock.cursor
 
         def innovate() -> tuple[Floats, Floats]:
-            nonlocal images
-            self.sigmas_f = self.points_fn.sigma_points(self.x, self.P)
+            nonlocal images, turns
+            turns = find(self.x, self.P, self.space, *instant, self.free)
+            self.sigmas_f = self.points_fn.sigma_points(self.x, self.held(turns))
             images = np.abs(lines(self.sigmas_f, self.problem.lever, ranges, rows))
             h, S = unscented_transform(images, self.Wm, self.Wc, np.diag(ranges.variance[rows]))
             return z - h, S.diagonal()
@@ -104,9 +106,7 @@ class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
         r, S, verdict = guard.judge(self.P, rows, innovate)
         use = np.flatnonzero(verdict == USED)
         if use.size > 0:
-            instant = ranges, rows.start, rows.stop, self.problem.segments, self.clock.cursor
-            turns = find(self.x, self.P, self.space, *instant, self.free)
-            image = iter(without(images[:, use], self.free.white[:turns]))
+            image = iter(images[:, use])
             R = np.diag(ranges.weight_variance[rows][use])
             self.update(z[use], R=R, hx=lambda _: next(image))
             exchange(self.x, self.P, self.space, *instant, self.free, turns)

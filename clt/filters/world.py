@@ -10,7 +10,7 @@ from scipy.special import chdtri
 from clt.filters import dpf, eskf, filterpy_engine, gaussian, mixture, particles, ukf
 from clt.filters.inputs import RangeTable
 from clt.filters.posterior import Posterior
-from clt.filters.prior import Belief, moments, spread
+from clt.filters.prior import Belief, moments, sound, spread
 from clt.filters.problem import ABSOLUTE, Problem, lay_out
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Filter, Solution
@@ -99,16 +99,19 @@ def told(problem: Problem, block: int, covariance: Floats) -> Floats:
 
 
 def innovations(problem: Problem, solution: Solution, recording: Recording) -> Innovations:
-    """One row per range that the filter saw."""
-    row = problem.ranges.row
+    """One row per range that the filter saw; none of one that it saw with lost certainty."""
+    judged = np.isfinite(solution.residual) & np.isfinite(solution.variance)
+    judged &= solution.variance > 0.0
+    row = problem.ranges.row[judged]
+    residual, variance = solution.residual[judged], solution.variance[judged]
     return Innovations(
-        problem.ranges.stamp,
+        problem.ranges.stamp[judged],
         recording.ranges.source[row],
         recording.ranges.target[row],
-        solution.residual,
-        np.sqrt(solution.variance),
-        solution.residual**2 / solution.variance,
-        solution.verdict != eskf.REJECTED,
+        residual,
+        np.sqrt(variance),
+        residual**2 / variance,
+        solution.verdict[judged] != eskf.REJECTED,
     )
 
 
@@ -119,7 +122,8 @@ def lost_robots(problem: Problem, solution: Solution) -> tuple[str, ...]:
         own = problem.outputs.robot == i
         touched = (problem.ranges.a == i) | (problem.ranges.b == i)
         rejected = float(np.mean(solution.verdict[touched] != eskf.USED)) if touched.any() else 0.0
-        if not np.isfinite(solution.mean[own]).all() or rejected > LOST_SHARE:
+        numbers = np.isfinite(solution.mean[own]).all() and sound(solution.covariance[own])
+        if not numbers or rejected > LOST_SHARE:
             lost.append(name)
     return tuple(lost)
 
