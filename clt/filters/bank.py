@@ -27,6 +27,9 @@ from clt.streams import Floats, Indices, Stamps
 TANGENT = 1
 """Row of J, H that holds the displacement across the line of sight; row 0 is that along it."""
 
+BROKEN = 1e3
+"""By how much the log weight of a Gaussian falls whose covariance is none any more."""
+
 
 class Bank(NamedTuple):
     """Room for C Gaussians over N numbers, of which the first `alive[0]` are in use."""
@@ -209,11 +212,14 @@ def fuse(bank: Bank, lever: Floats, ranges: RangeTable, m: int, gate: float, tra
         if bank.mutual == 1:
             tie(x, P)
         h = look(x, lever, ranges, m, J, H)
-        across = projected_variance(P, J, H, TANGENT)
+        across = max(projected_variance(P, J, H, TANGENT), 0.0)
         bend = across / (2.0 * max(h, math.sqrt(across) + 1e-9))
         r = ranges.range[m] - h - bend
         spread = projected_variance(P, J, H, 0) + 2.0 * bend * bend
         S, S_gate = spread + ranges.weight_variance[m], spread + ranges.variance[m]
+        if not (S > 0.0 and S_gate > 0.0 and math.isfinite(r)):
+            bank.log_weight[k] -= BROKEN
+            continue
         w = math.exp(bank.log_weight[k])
         mean += w * r
         square += w * (S_gate + r * r)
@@ -227,4 +233,6 @@ def fuse(bank: Bank, lever: Floats, ranges: RangeTable, m: int, gate: float, tra
         bank.log_weight[k] -= 0.5 * (math.log(2.0 * math.pi * S) + nis)
     trace.residual[m], trace.variance[m] = mean, square - mean * mean
     trace.verdict[m] = USED if used >= 0.5 else REJECTED
+    if not trace.variance[m] > 0.0:
+        trace.residual[m], trace.variance[m] = 0.0, ranges.variance[m]
     normalize(bank.log_weight, bank.alive[0])

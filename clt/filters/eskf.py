@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from clt.filters import kalman
 from clt.filters.compiled import inlined, lean
-from clt.filters.free import Free, exchange, find, inactive
+from clt.filters.free import Free, add_bend, exchange, find, find_bend, inactive
 from clt.filters.inputs import Outputs, RangeTable, Segments
 from clt.filters.kalman import Work
 from clt.filters.ranging import predict_range
@@ -234,10 +234,15 @@ def eskf(
             correct(state, work, last - m, large, first)
             exchange(state.x, state.P, space, ranges, m, last, segments, state.cursor, free, turns)
             m = last
+        fresh = True
         while o < O and outputs.stamp[o] == now:
             i = outputs.robot[o]
             bring(state, i, now, segments, space, form, True)
+            if fresh:
+                find_bend(state.x, state.P, space, ranges, m, segments, state.cursor, free)
+                fresh = False
             read_out(state.x, state.P, i, run.mean, run.covariance, o)
+            add_bend(state.x, space, i, free, run.covariance[o])
             o += 1
     for d in range(state.time.size):
         advance(state, d, max(now, end), segments, space, form)

@@ -7,6 +7,8 @@ from typing import Protocol
 import numpy as np
 
 from clt.filters.eskf import REJECTED, USED
+from clt.filters.filterpy_model import Clock
+from clt.filters.free import Free, add_bend, find_bend
 from clt.filters.gaussian import single
 from clt.filters.problem import Problem
 from clt.filters.solution import Solution
@@ -25,6 +27,8 @@ class Team(Protocol):
 
     x: Floats
     P: Floats
+    clock: Clock
+    free: Free
 
     def advance(self, until: int, drivers: set[int]) -> None:
         """Predict until the given drivers, at least, are at the time `until` (ns)."""
@@ -56,11 +60,17 @@ def run(team: Team, problem: Problem, gate: float) -> Solution:
             a, b = ranges.a[rows], ranges.b[rows]
             team.advance(now, touched(space, a, b) | touched(space, b, a))
             residual[rows], variance[rows], verdict[rows] = team.correct(rows, gate)
-        for o in range(*np.searchsorted(outputs.stamp, [now, now + 1])):
+        first, last = np.searchsorted(outputs.stamp, [now, now + 1]).tolist()
+        for o in range(first, last):
             i = outputs.robot[o]
             team.advance(now, touched(space, np.array([i]), np.array([-1])))
             own = slice(3 * i, 3 * i + 3)
+            if o == first:
+                find_bend(
+                    team.x, team.P, space, ranges, 0, problem.segments, team.clock.cursor, team.free
+                )
             mean[o], covariance[o] = team.x[own], team.P[own, own]
+            add_bend(team.x, space, i, team.free, covariance[o])
     team.advance(max(now, problem.end), set(range(problem.segments.first.size - 1)))
     mean[:, 2] = wrap(mean[:, 2])
     return Solution(

@@ -12,7 +12,7 @@ from scipy.linalg import LinAlgError, cholesky
 from clt.filters.eskf import USED
 from clt.filters.filterpy_model import Clock, Piece, lines, moved, noise
 from clt.filters.filterpy_run import judge, run
-from clt.filters.free import exchange, find, free_of, wanted
+from clt.filters.free import add_turns, exchange, find, free_of, hold_still, wanted
 from clt.filters.gaussian import process_form
 from clt.filters.problem import Problem
 from clt.filters.reacquisition import follow
@@ -48,18 +48,6 @@ def transition(x: Floats, dt: float, space: Space, pieces: list[Piece]) -> Float
     return moved(x, space, pieces)
 
 
-def without(images: Floats, white: Floats) -> Floats:
-    """Images (2 N + 1, m) of the sigma points with what is odd along some directions taken out.
-
-    `white` (count, N): the directions in the order of the pairs of points, orthonormal.
-    """
-    if white.shape[0] == 0:
-        return images
-    N = white.shape[1]
-    part = white.T @ (white @ (0.5 * (images[1 : N + 1] - images[N + 1 :])))
-    return np.concatenate([images[:1], images[1 : N + 1] - part, images[N + 1 :] + part])
-
-
 class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
     """filterpy's UKF of a team."""
 
@@ -80,29 +68,41 @@ class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
         del drivers
         every = range(self.clock.time.size)
         while self.now < until:
-            stop = min(self.clock.stop(d, until) for d in every)
+            stop, cursor = min(self.clock.stop(d, until) for d in every), self.clock.cursor.copy()
             pieces = [p for d in every if (p := self.clock.piece(d, stop)) is not None]
             x = moved(self.x, self.space, pieces)
             self.Q = sum(
                 (noise(x, self.space, piece, shi=self.shi) for piece in pieces),
                 np.zeros_like(self.P),
             )
+            nothing = self.problem.ranges, 0, 0, self.problem.segments, cursor
+            turns = find(self.x, self.P, self.space, *nothing, self.free)
+            self.P = self.held(turns)
             self.predict(space=self.space, pieces=pieces)
+            add_turns(self.x, self.P, self.space, *nothing, self.free, turns)
             self.now = stop
+
+    def held(self, turns: int) -> Floats:
+        """What of the covariance is along none of the turns found."""
+        if turns == 0:
+            held: Floats = self.P
+            return held
+        hold_still(self.P, turns, self.free)
+        return self.free.U.copy()
 
     def correct(self, rows: slice, gate: float) -> tuple[Floats, Floats, Indices]:
         """Gate and fuse the ranges `rows` of one instant: residual, its variance, verdict."""
         ranges, z = self.problem.ranges, self.problem.ranges.range[rows]
-        self.sigmas_f = self.points_fn.sigma_points(self.x, self.P)
+        instant = ranges, rows.start, rows.stop, self.problem.segments, self.clock.cursor
+        turns = find(self.x, self.P, self.space, *instant, self.free)
+        self.sigmas_f = self.points_fn.sigma_points(self.x, self.held(turns))
         images = np.abs(lines(self.sigmas_f, self.problem.lever, ranges, rows))
         h, spread = unscented_transform(images, self.Wm, self.Wc, np.diag(ranges.variance[rows]))
         r, S = z - h, spread.diagonal()
         verdict = judge(r, S, gate)
         use = np.flatnonzero(verdict == USED)
         if use.size > 0:
-            instant = ranges, rows.start, rows.stop, self.problem.segments, self.clock.cursor
-            turns = find(self.x, self.P, self.space, *instant, self.free)
-            image = iter(without(images[:, use], self.free.white[:turns]))
+            image = iter(images[:, use])
             R = np.diag(ranges.weight_variance[rows][use])
             self.update(z[use], R=R, hx=lambda _: next(image))
             exchange(self.x, self.P, self.space, *instant, self.free, turns)

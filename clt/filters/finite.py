@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.filters.posterior import Posterior
+from clt.filters.prior import ROUNDING
 from clt.streams import Floats, Innovations, Poses
 
 MOST = 1e12
@@ -24,11 +25,15 @@ def sane(*columns: Floats) -> NDArray[np.bool_]:
 
 
 def finite_poses(poses: Poses) -> tuple[Poses, int]:
-    """The rows of an estimate that hold numbers throughout, and how many others there are."""
+    """The rows of an estimate that hold numbers throughout, and how many others there are.
+
+    A variance below zero, as rounding leaves where all certainty was lost, is none.
+    """
     covariance = poses.covariance
     if covariance is None:
         return poses, 0
     keep = sane(poses.x, poses.y, poses.heading, covariance)
+    keep &= np.all(np.diagonal(covariance, axis1=1, axis2=2) >= -ROUNDING, axis=1)
     if keep.all():
         return poses, 0
     columns = {

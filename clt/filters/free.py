@@ -6,9 +6,9 @@ neither does one if a whole team turns about the only robot of known position. W
 Jacobian gives H N^T = 0 leaves S as it is, but N depends on the estimate: after a correction the
 filter would find that the N of before is no free turn any more, and learn from it what no range
 told (Huang, Mourikis, Roumeliotis 2010). So N is exchanged after every correction,
-P += N+^T S N+ - N^T S N. A filter without Jacobians, the unscented one, takes the part along N out
-of what its sigma points say of the ranges first: the least change of its regression that makes
-H N^T = 0.
+P += N+^T S N+ - N^T S N. A filter without Jacobians, the unscented one, looks at the ranges with
+sigma points of P_o, and moves them alone: turned as one, the true points lie on circles, and tell
+the same ranges.
 """
 
 from __future__ import annotations
@@ -49,20 +49,27 @@ class Free(NamedTuple):
     steps: Floats
     """What made them orthonormal, shape (MOST, MOST)."""
     U: Floats
-    """Factor of P, shape (N, N)."""
+    """Factor of P, shape (N, N); or what of P is not free."""
+    bend: Floats
+    """Variance of the turn about each driver, where that is the only direction, (D,), rad^2."""
 
 
 def free_of(problem: Problem, active: bool) -> Free:
     """Room for a problem; hardly any where it is not `active`."""
     N = problem.belief.mean.shape[1] if active else 0
-    rows = (np.zeros((MOST, N)) for _ in range(3))
-    return Free(int(active), problem.antenna, *rows, np.zeros((MOST, MOST)), np.zeros((N, N)))
+    return room(problem.antenna, N, active)
 
 
 def inactive() -> Free:
     """Nothing is looked for."""
-    rows = (np.zeros((MOST, 0)) for _ in range(3))
-    return Free(0, np.zeros((0, 2)), *rows, np.zeros((MOST, MOST)), np.zeros((0, 0)))
+    return room(np.zeros((0, 2)), 0, False)
+
+
+def room(antenna: Floats, N: int, active: bool) -> Free:
+    """Scratch for N numbers and drivers with these antennas (D, 2)."""
+    before, after, white = np.zeros((MOST, N)), np.zeros((MOST, N)), np.zeros((MOST, N))
+    steps, bend = np.zeros((MOST, MOST)), np.zeros(antenna.shape[0])
+    return Free(int(active), antenna, before, after, white, steps, np.zeros((N, N)), bend)
 
 
 def wanted(problem: Problem, settings: FilterSettings) -> bool:
@@ -74,7 +81,7 @@ def wanted(problem: Problem, settings: FilterSettings) -> bool:
         return settings.jacobians == "first"
     ends = np.append(problem.ranges.a, problem.ranges.b)
     relative = bool(np.any(problem.space.base != WORLD))
-    return relative or np.unique(ends[ends < 0]).size < FIXED
+    return relative or int(np.unique(ends[ends < 0]).size) < FIXED
 
 
 @inlined
@@ -84,7 +91,8 @@ def still(segments: Segments, cursor: Indices, d: int, free: Free) -> bool:
     if k >= segments.first[d + 1]:
         return True
     reach = abs(free.antenna[d, 0]) + abs(free.antenna[d, 1])
-    return abs(segments.v[k]) < AT_REST and abs(segments.omega[k]) * reach < AT_REST
+    turning: float = abs(segments.omega[k]) * reach
+    return bool(abs(segments.v[k]) < AT_REST and turning < AT_REST)
 
 
 @lean
@@ -202,16 +210,31 @@ def find(
 
 
 @lean
-def leave_out(odd: Floats, measured: int, count: int, free: Free) -> None:
-    """Take the `count` directions out of the odd halves (N, M) of the first `measured` ranges."""
-    V = free.white
-    for m in range(measured):
-        for j in range(count):
-            part = 0.0
-            for k in range(odd.shape[0]):
-                part += V[j, k] * odd[k, m]
-            for k in range(odd.shape[0]):
-                odd[k, m] -= part * V[j, k]
+def hold_still(P: Floats, count: int, free: Free) -> None:
+    """What of P is along none of the `count` directions found before, into `free.U`."""
+    N, rest = free.before, free.U
+    for r in range(P.shape[0]):
+        for c in range(P.shape[0]):
+            rest[r, c] = P[r, c]
+            for j in range(count):
+                rest[r, c] -= N[j, r] * N[j, c]
+
+
+@lean
+def add_turns(
+    x: Floats, P: Floats, space: Space, ranges: RangeTable, first: int, last: int,
+    segments: Segments, cursor: Indices, free: Free, count: int,
+) -> None:  # fmt: skip
+    """Add to P along the directions at x what was known along the `count` found before."""
+    if count == 0:
+        return
+    after = free.after
+    directions(x, space, ranges, first, last, segments, cursor, free, after)
+    for j in range(count):
+        combine(after, free.steps, j)
+        for r in range(x.size):
+            for c in range(x.size):
+                P[r, c] += after[j, r] * after[j, c]
 
 
 @lean
@@ -223,12 +246,53 @@ def exchange(
 
     As many were found before as `count`.
     """
-    if count == 0:
-        return
-    before, after = free.before, free.after
-    directions(x, space, ranges, first, last, segments, cursor, free, after)
+    before = free.before
     for j in range(count):
-        combine(after, free.steps, j)
         for r in range(x.size):
             for c in range(x.size):
-                P[r, c] += after[j, r] * after[j, c] - before[j, r] * before[j, c]
+                P[r, c] -= before[j, r] * before[j, c]
+    add_turns(x, P, space, ranges, first, last, segments, cursor, free, count)
+
+
+@lean
+def find_bend(
+    x: Floats, P: Floats, space: Space, ranges: RangeTable, m: int, segments: Segments,
+    cursor: Indices, free: Free,
+) -> None:  # fmt: skip
+    """How far what is seen from each driver may have turned about it, for `add_bend`.
+
+    m: any range; none tells of turns in body frames.
+    """
+    if free.active == 0 or space.base[0] == WORLD:
+        return
+    count = find(x, P, space, ranges, m, m, segments, cursor, free)
+    for d in range(cursor.size):
+        turns = count == 1 and still(segments, cursor, d, free) and seen_from(space, d)
+        free.bend[d] = free.steps[0, 0] ** 2 if turns else 0.0
+
+
+@inlined
+def seen_from(space: Space, d: int) -> bool:
+    """Whether anything stands in the frame of driver d."""
+    seen = False
+    for i in range(space.base.size):
+        seen = seen or space.base[i] == d
+    return seen
+
+
+@lean
+def add_bend(x: Floats, space: Space, i: int, free: Free, covariance: Floats) -> None:
+    """Add to the covariance (3, 3) of block i that a wide turn leads along a circle, in place.
+
+    What turns by a ~ N(0, s^2) about the antenna at a distance u also comes nearer to where it was
+    seen from, by u a^2 / 2: on average squared, 3/4 s^4 u u^T.
+    """
+    if free.active == 0 or space.base[i] < 0:
+        return
+    d = space.base[i]
+    ux, uy = x[3 * i] - free.antenna[d, 0], x[3 * i + 1] - free.antenna[d, 1]
+    share = 0.75 * free.bend[d] ** 2
+    covariance[0, 0] += share * ux * ux
+    covariance[0, 1] += share * ux * uy
+    covariance[1, 0] += share * ux * uy
+    covariance[1, 1] += share * uy * uy

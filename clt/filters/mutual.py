@@ -21,10 +21,17 @@ def is_mutual(space: Space) -> bool:
 
 
 @lean
+def invert(x: Floats) -> None:
+    """Make block 1 the inverse of block 0, in place."""
+    c, s = math.cos(x[2]), math.sin(x[2])
+    x[3], x[4], x[5] = -c * x[0] - s * x[1], s * x[0] - c * x[1], -x[2]
+
+
+@lean
 def tie(x: Floats, P: Floats) -> None:
     """Make block 1 the inverse of block 0, in mean and covariance, in place."""
     c, s = math.cos(x[2]), math.sin(x[2])
-    x[3], x[4], x[5] = -c * x[0] - s * x[1], s * x[0] - c * x[1], -x[2]
+    invert(x)
     for k in range(P.shape[0]):
         if k < 3 or k > 5:
             a, b, t = P[0, k], P[1, k], P[2, k]

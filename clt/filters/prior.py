@@ -17,6 +17,9 @@ from clt.geometry import unknown_heading, wrap
 from clt.init.start import Start
 from clt.streams import Floats
 
+ROUNDING = 1e-9
+"""Below zero by no more than this, a variance is zero, m^2 or rad^2."""
+
 
 class Belief(NamedTuple):
     """Weighted Gaussians over a state of N numbers."""
@@ -143,6 +146,12 @@ def moments(belief: Belief, block: int) -> tuple[Floats, Floats]:
     mean = about + middle
     mean[2] = wrap(mean[2])
     return mean, P
+
+
+def sound(covariance: Floats) -> bool:
+    """Whether covariances (n, 3, 3) hold numbers, and no variance below zero beyond rounding."""
+    variances = np.diagonal(covariance, axis1=-2, axis2=-1)
+    return bool(np.isfinite(covariance).all() and np.all(variances >= -ROUNDING))
 
 
 def spread(belief: Belief, index: int) -> tuple[float, float]:

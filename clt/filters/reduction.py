@@ -83,6 +83,8 @@ def prune(bank: Bank, least: float) -> None:
             if kept < k:
                 copy(bank, kept, k)
             kept += 1
+    if kept == 0:  # No Gaussian has numbers any more.
+        kept, bank.log_weight[0] = 1, 0.0
     bank.alive[0] = kept
     normalize(bank.log_weight, kept)
 

@@ -132,7 +132,8 @@ class FilterSettings(Settings):
     """Form of the process noise: along the heading, or the paper's diagonal."""
     jacobians: Literal["auto", "latest", "first"] = "auto"
     """Taken at the latest estimate, or at the first one of each instant: consistent where the team
-    cannot be fixed in the world. auto: first with fewer than two fixed robots."""
+    cannot be fixed in the world, or turns about a robot that stands. auto: first with fewer than
+    two fixed robots and in body frames. The UKF holds what they hold."""
     gate: NotNegative = 16.0
     """A range is rejected when its NIS (a pure number) exceeds this; 0 accepts all."""
     reacquire: Positive = 3.0

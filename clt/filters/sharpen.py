@@ -58,8 +58,7 @@ def narrow(bank: Bank, k: int, row: int, width: float, at_random: bool) -> bool:
     """Split Gaussian k or narrow it at random; False where there is no room."""
     width = min(max(width, NARROWEST), WIDEST)
     if at_random:
-        draw(bank, k, row, width)
-        return True
+        return draw(bank, k, row, width)
     return split(bank, k, row, width)
 
 
@@ -99,7 +98,7 @@ def sharpen_heading(bank: Bank, space: Space, i: int, noise: float, at_random: b
     k = 0
     while k < bank.alive[0]:
         variance = bank.covariance[k][index, index]
-        if variance <= 1.1 * limit:
+        if not variance > 1.1 * limit:  # Nor a variance that is no number.
             k += 1
         elif narrow(bank, k, 0, HEADING / math.sqrt(variance), at_random):
             found = True

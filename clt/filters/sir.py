@@ -2,7 +2,8 @@
 
 Every driver's twist gets its own noise over each piece of its odometry; every range multiplies the
 weights by its likelihood; systematic resampling when the effective number falls below a share,
-after which the weights are equal. Headings are averaged on the circle.
+after which the weights are equal and the particles distinct (`regularize`). Headings are averaged
+on the circle.
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ from clt.filters.compiled import lean
 from clt.filters.eskf import REJECTED, USED
 from clt.filters.inputs import Outputs, RangeTable, Segments
 from clt.filters.modes import cloud_share, moments
+from clt.filters.mutual import invert, is_mutual
 from clt.filters.prior import Belief, samples
 from clt.filters.problem import Problem
 from clt.filters.ranging import predict_range
+from clt.filters.regularize import Cells, cells_of, regularize
 from clt.filters.resampling import ENOUGH, effective, systematic
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Solution
@@ -50,6 +53,8 @@ class Cloud(NamedTuple):
     H: Floats
     scratch: Floats
     """(8, 3)."""
+    cells: Cells
+    """Scratch of resampling."""
 
 
 def solve_sir(problem: Problem, settings: FilterSettings) -> Solution:
@@ -58,7 +63,8 @@ def solve_sir(problem: Problem, settings: FilterSettings) -> Solution:
     trace = make_trace(problem.outputs, problem.ranges)
     sir(
         cloud, problem.end, problem.space, problem.lever, problem.segments, problem.ranges,
-        problem.outputs, settings.gate, kernel_seed(problem, settings), trace,
+        problem.outputs, settings.gate, kernel_seed(problem, settings),
+        is_mutual(problem.space), trace,
     )  # fmt: skip
     return Solution(
         trace.mean, trace.covariance, trace.residual, trace.variance, trace.verdict,
@@ -86,6 +92,7 @@ def make_cloud(problem: Problem, settings: FilterSettings) -> Cloud:
         log_weight, x, np.zeros((K, 0, 0)), np.full(D, problem.start),
         problem.segments.first[:-1].copy(), np.zeros(K, np.int64), np.zeros(K, np.int64),
         np.zeros(K), np.zeros((1, 6), np.int64), np.zeros((1, 6)), np.zeros((8, 3)),
+        cells_of(K, x.shape[1]),
     )  # fmt: skip
 
 
@@ -151,8 +158,11 @@ def weigh(
 
 
 @lean
-def resample(cloud: Cloud) -> None:
-    """Draw the particles anew in proportion to their weights, which then are equal."""
+def resample(cloud: Cloud, blocks: int, mutual: bool) -> None:
+    """Draw the particles anew in proportion to their weights, which then are equal.
+
+    Of two `mutual` transforms the second is then again the inverse of the first.
+    """
     K = cloud.log_weight.size
     systematic(cloud.log_weight, cloud.copies, cloud.source)
     for k in range(K):
@@ -160,12 +170,17 @@ def resample(cloud: Cloud) -> None:
             for r in range(cloud.x.shape[1]):
                 cloud.x[k, r] = cloud.x[cloud.source[k], r]
         cloud.log_weight[k] = -math.log(K)
+    x = cloud.x
+    numbers = 3 if mutual and x.shape[1] == 6 else x.shape[1]
+    regularize(cloud.log_weight, x, blocks, numbers, cloud.cells)
+    for k in range(K if mutual else 0):
+        invert(x[k])
 
 
 @lean
 def sir(
     cloud: Cloud, end: int, space: Space, lever: Floats, segments: Segments, ranges: RangeTable,
-    outputs: Outputs, gate: float, seed: int, trace: Trace,
+    outputs: Outputs, gate: float, seed: int, mutual: bool, trace: Trace,
 ) -> None:  # fmt: skip
     """The filter over a whole log: fills `trace`; `cloud` ends as the last posterior."""
     np.random.seed(seed)  # noqa: NPY002  numba's generator of this thread
@@ -179,7 +194,7 @@ def sir(
             bring(cloud, b, now, segments, space, a < 0)
             weigh(cloud, lever, ranges, m, gate, trace)
             if effective(cloud.log_weight) < ENOUGH * K:
-                resample(cloud)
+                resample(cloud, space.who.size, mutual)
             m += 1
         else:
             i = outputs.robot[o]

@@ -45,7 +45,8 @@ def density(place: float, width: float) -> float:
 def split(bank: Bank, k: int, row: int, width: float) -> bool:
     """Split Gaussian k along row `row` of J, H into parts of about `width` of its own.
 
-    The parts take its place and those behind the last. False where there is no room.
+    The parts take its place and those behind the last. False where there is no room, or its
+    covariance is none any more.
     """
     width = min(width, WIDEST)
     n = half_count(width)
@@ -54,7 +55,10 @@ def split(bank: Bank, k: int, row: int, width: float) -> bool:
         return False
     g = bank.gain
     project(bank.covariance[k], bank.J, bank.H, row, g)
-    sigma = math.sqrt(dot(g, bank.J, bank.H, row))
+    square = dot(g, bank.J, bank.H, row)
+    if not square > 0.0:
+        return False
+    sigma = math.sqrt(square)
     total, variance = 0.0, 0.0
     for i in range(-n, n + 1):
         place = i * SPACING * width
@@ -82,11 +86,17 @@ def split(bank: Bank, k: int, row: int, width: float) -> bool:
 
 
 @lean
-def draw(bank: Bank, k: int, row: int, width: float) -> None:
-    """Replace Gaussian k by one of `width` of its own along row `row` of J, H, drawn at random."""
+def draw(bank: Bank, k: int, row: int, width: float) -> bool:
+    """Replace Gaussian k by one of `width` of its own along row `row` of J, H, drawn at random.
+
+    False where its covariance is none any more.
+    """
     g, P = bank.gain, bank.covariance[k]
     project(P, bank.J, bank.H, row, g)
-    sigma = math.sqrt(dot(g, bank.J, bank.H, row))
+    square = dot(g, bank.J, bank.H, row)
+    if not square > 0.0:
+        return False
+    sigma = math.sqrt(square)
     taken = 1.0 - width * width
     place = math.sqrt(taken) * np.random.normal() / sigma  # noqa: NPY002  seeded by the kernel
     for r in range(g.size):
@@ -94,6 +104,7 @@ def draw(bank: Bank, k: int, row: int, width: float) -> None:
     for r in range(g.size):
         for c in range(g.size):
             P[r, c] -= taken * g[r] * g[c] / (sigma * sigma)
+    return True
 
 
 def heading_grid(sigma: float, width: float) -> tuple[Floats, Floats, float]:

@@ -16,7 +16,17 @@ import numpy as np
 
 from clt.filters.compiled import inlined, lean
 from clt.filters.eskf import REJECTED, USED, Run, most_at_once, read_out
-from clt.filters.free import Free, directions, exchange, free_of, leave_out, wanted, whiten
+from clt.filters.free import (
+    Free,
+    add_bend,
+    add_turns,
+    exchange,
+    find,
+    find_bend,
+    free_of,
+    hold_still,
+    wanted,
+)
 from clt.filters.gaussian import process_form, single
 from clt.filters.inputs import Outputs, RangeTable, Segments
 from clt.filters.problem import Problem
@@ -96,12 +106,17 @@ def add_process_noise(
 
 @lean
 def step(
-    state: State, points: Points, space: Space, segments: Segments, dt: float, form: int
-) -> None:
-    """All drivers move for dt seconds with the twists of their segments: x and P, in place."""
+    state: State, points: Points, space: Space, segments: Segments, ranges: RangeTable, m: int,
+    free: Free, dt: float, form: int,
+) -> None:  # fmt: skip
+    """All drivers move for dt seconds with the twists of their segments: x and P, in place.
+
+    m: any range; those are the free turns of no range at all.
+    """
     x, P, cursor = state.x, state.P, state.cursor
     blocks = plain(space, x)
-    draw(x, P, points)
+    turns = find(x, P, space, ranges, m, m, segments, cursor, free)
+    draw_held(x, P, turns, free, points)
     for d in range(cursor.size):
         k = cursor[d]
         if k < segments.first[d + 1]:
@@ -116,12 +131,24 @@ def step(
     mirror(P)
     for c in range(x.size):
         x[c] += points.m[c]
+    add_turns(x, P, space, ranges, m, m, segments, cursor, free, turns)
+
+
+@inlined
+def draw_held(x: Floats, P: Floats, turns: int, free: Free, points: Points) -> None:
+    """The sigma points of what of P is along none of the turns found."""
+    if turns > 0:
+        hold_still(P, turns, free)
+        draw(x, free.U, points)
+    else:
+        draw(x, P, points)
 
 
 @lean
 def advance(
-    state: State, points: Points, space: Space, segments: Segments, now: int, until: int, form: int
-) -> None:
+    state: State, points: Points, space: Space, segments: Segments, ranges: RangeTable, m: int,
+    free: Free, now: int, until: int, form: int,
+) -> None:  # fmt: skip
     """From the time `now` to `until` (ns), in steps of constant twists."""
     cursor, first, end = state.cursor, segments.first, segments.end
     while now < until:
@@ -129,7 +156,7 @@ def advance(
         for d in range(cursor.size):
             if cursor[d] < first[d + 1]:
                 stop = min(stop, end[cursor[d]])
-        step(state, points, space, segments, (stop - now) * 1e-9, form)
+        step(state, points, space, segments, ranges, m, free, (stop - now) * 1e-9, form)
         for d in range(cursor.size):
             if cursor[d] < first[d + 1] and end[cursor[d]] == stop:
                 cursor[d] += 1
@@ -169,7 +196,6 @@ def innovate(
 ) -> int:  # fmt: skip
     """Predict and gate the ranges first .. last - 1; how many are used, in the first columns."""
     count = 0
-    draw(state.x, state.P, points)
     for row in range(first, last):
         mean, variance = range_moments(state.x, points, lever, ranges, row, measured, count)
         r, S = ranges.range[row] - mean, variance + ranges.variance[row]
@@ -186,11 +212,10 @@ def correct(
     gate: float, space: Space, segments: Segments, free: Free, measured: Measured, run: Run,
 ) -> None:  # fmt: skip
     """Gate and fuse the ranges of one instant."""
-    count = innovate(state, points, lever, ranges, first, last, gate, measured, run)
     x, P, cursor = state.x, state.P, state.cursor
-    turns = directions(x, space, ranges, first, last, segments, cursor, free, free.before)
-    whiten(points.L, turns, free)
-    leave_out(measured.odd, count, turns, free)
+    turns = find(x, P, space, ranges, first, last, segments, cursor, free)
+    draw_held(x, P, turns, free, points)
+    count = innovate(state, points, lever, ranges, first, last, gate, measured, run)
     fuse(x, P, points.L, measured, count, points.excess)
     exchange(x, P, space, ranges, first, last, segments, cursor, free, turns)
 
@@ -213,7 +238,7 @@ def ukf(
         stamp = outputs.stamp[o] if o < O else ranges.stamp[m]
         if m < M:
             stamp = min(stamp, ranges.stamp[m])
-        advance(state, points, space, segments, now, stamp, form)
+        advance(state, points, space, segments, ranges, m, free, now, stamp, form)
         now, last = stamp, m
         while last < M and ranges.stamp[last] == now:
             last += 1
@@ -222,10 +247,13 @@ def ukf(
                 state, points, lever, ranges, m, last, gate, space, segments, free, measured, run,
             )  # fmt: skip
             m = last
+        if o < O and outputs.stamp[o] == now:
+            find_bend(state.x, state.P, space, ranges, m, segments, state.cursor, free)
         while o < O and outputs.stamp[o] == now:
             read_out(state.x, state.P, outputs.robot[o], run.mean, run.covariance, o)
+            add_bend(state.x, space, outputs.robot[o], free, run.covariance[o])
             o += 1
-    advance(state, points, space, segments, now, max(now, end), form)
+    advance(state, points, space, segments, ranges, m, free, now, max(now, end), form)
 
 
 def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:

@@ -13,7 +13,7 @@ from clt.filters.finite import sane
 from clt.filters.inputs import RangeTable
 from clt.filters.misfit import find_misfit
 from clt.filters.posterior import Posterior
-from clt.filters.prior import Belief, moments, spread
+from clt.filters.prior import Belief, moments, sound, spread
 from clt.filters.problem import ABSOLUTE, Problem, lay_out
 from clt.filters.searches import found_again, not_found
 from clt.filters.settings import FilterSettings
@@ -123,6 +123,7 @@ def lost_robots(problem: Problem, solution: Solution) -> tuple[str, ...]:
         touched = (problem.ranges.a == i) | (problem.ranges.b == i)
         rejected = float(np.mean(solution.verdict[touched] != eskf.USED)) if touched.any() else 0.0
         numbers = sane(solution.mean[own], solution.covariance[own]).all()
+        numbers = numbers and sound(solution.covariance[own])
         if not numbers or rejected > LOST_SHARE:
             lost.append(name)
     return tuple(lost)

@@ -90,6 +90,32 @@ def test_with_wheels_that_stop_and_errors_that_are_learned(name):
     assert_same(ours, theirs)
 
 
+@pytest.mark.parametrize("name", ["ekf", "ukf"])
+@pytest.mark.parametrize("frame", ["ego:S1", "ego:R1", "mutual:R1,R2"])
+@pytest.mark.parametrize("antenna", [(0.0, 0.0), (0.3, -0.1)])
+def test_with_an_ego_that_stands(name, frame, antenna):
+    recording = team_recording(seed=4, seconds=3.0, antenna=antenna)
+    odometry = recording.odometry["R1"]
+    moves = odometry.stamp > 2_000_000_000
+    parked = replace(odometry, v=odometry.v * moves, omega=odometry.omega * moves)
+    streams = {**recording.odometry, "R1": parked}
+    ours, theirs = both(name, replace(recording, odometry=streams), SURE, frame)
+    assert_same(ours, theirs, 1e-8)
+
+
+@pytest.mark.parametrize("name", ["ekf", "ukf"])
+def test_with_a_team_that_floats(name):
+    recording = team_recording(seed=4, seconds=3.0)
+    among = np.minimum(recording.ranges.source, recording.ranges.target) >= 1
+    columns = {
+        key: getattr(recording.ranges, key)[among]
+        for key in ("stamp", "log_time", "source", "target", "range", "raw", "sigma", "sequence")
+    }
+    recording = replace(recording, ranges=replace(recording.ranges, **columns))
+    ours, theirs = both(name, recording, SURE, "world", anchors=0.0)
+    assert_same(ours, theirs, 1e-8)
+
+
 def astray(seconds):
     """A recording whose R1 starts 2 m from where it is believed to be: start and settings, too."""
     recording = team_recording(seed=5, seconds=seconds, noise=0.01)
