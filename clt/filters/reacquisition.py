@@ -102,7 +102,8 @@ def search(
 ) -> Solution | None:
     """Where the `lost` blocks (L,) are, at the end of a trail; None if that is not clearly better.
 
-    Nor if other positions are nearly as good. An estimate that is not finite is lost for good.
+    Nor if other positions are nearly as good. Blocks without ranges in the trail stay where they
+    are; an estimate that is not finite is lost for good.
     """
     ranges = RangeTable._make(
         np.concatenate(columns)
@@ -111,7 +112,8 @@ def search(
     first = trail[0].problem
     begun = Belief._make(column[:1] for column in first.belief)
     old = evidence_of(ranges, trail)
-    if not (np.isfinite(begun.mean).all() and np.isfinite(old).all()):
+    lost = lost[np.isin(lost, [ranges.a, ranges.b])]
+    if lost.size == 0 or not (np.isfinite(begun.mean).all() and np.isfinite(old).all()):
         return None
     found = []
     for turned in rivals_of(begun, first.lever, ranges, lost):

@@ -136,6 +136,17 @@ def test_an_estimate_that_is_not_finite_is_not_searched_for():
     assert not solution.found.any()
 
 
+def test_ranges_that_come_less_often_than_robots_are_judged():
+    recording = team_recording(seed=1, seconds=8.0, range_rate=1)
+    ranges = recording.ranges
+    wrong = replace(recording, ranges=replace(ranges, range=ranges.range + 5.0))
+    options = FilterSettings(reacquire=0.1)
+    problem = lay_out(wrong, from_truth(wrong, SIGMA), options)
+    solution = solve_eskf(problem, options)
+    assert solution.lost.sum() > 0
+    assert np.isfinite(solution.mean).all()
+
+
 def test_in_the_frame_of_a_robot():
     recording = team_recording(seed=3, moving=4, seconds=12.0)
     start = from_truth(recording, SIGMA)
