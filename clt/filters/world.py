@@ -122,8 +122,8 @@ def lost_robots(problem: Problem, solution: Solution) -> tuple[str, ...]:
         own = problem.outputs.robot == i
         touched = (problem.ranges.a == i) | (problem.ranges.b == i)
         rejected = float(np.mean(solution.verdict[touched] != eskf.USED)) if touched.any() else 0.0
-        numbers = sane(solution.mean[own], solution.covariance[own]).all()
-        numbers = numbers and sound(solution.covariance[own])
+        covariance = solution.covariance[own]
+        numbers = sound(covariance) and bool(sane(solution.mean[own], covariance).all())
         if not numbers or rejected > LOST_SHARE:
             lost.append(name)
     return tuple(lost)

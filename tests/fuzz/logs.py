@@ -202,20 +202,24 @@ def run(first, count, quick=False):
     return findings, outcomes
 
 
+def of_block(block):
+    return run(*block)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=0, help="the first; each case has its own")
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
-    block = 2000
+    block = 500
     blocks = [
         (first, min(block, given.seed + given.count - first))
         for first in range(given.seed, given.seed + given.count, block)
     ]
     found, total = 0, Counter()
     with multiprocessing.Pool(given.jobs) as pool:
-        for findings, outcomes in pool.starmap(run, blocks, chunksize=1):
+        for findings, outcomes in pool.imap_unordered(of_block, blocks):  # said as they come
             total += outcomes
             found += len(findings)
             for seed, text in findings:
