@@ -25,10 +25,12 @@ def info(
     from clt.cli.console import Console
     from clt.cli.contents import show
     from clt.cli.inputs import Inputs
+    from clt.cli.memory import return_freed_memory
     from clt.cli.topics import described, guesses
     from clt.log.load import load
     from clt.log.summary import as_dict, summarize
 
+    return_freed_memory()
     console = Console(quiet, verbose)
     inputs = Inputs.of(log, streams=streams)
     inputs.check(output, force)

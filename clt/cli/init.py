@@ -22,7 +22,8 @@ UNSURE = """\
 # {name} is {status}: {why}. One pose stands here; `--init {method}` would follow all.
 """
 WIDENED = """\
-# As the filter will see the same ranges again, sigma is {factor:g} times the standard deviation.
+# sigma is {factor:g} times the standard deviation that `clt init` prints: the filter will see the
+# same ranges again, and would otherwise count what they tell twice.
 """
 
 
@@ -132,7 +133,13 @@ def document(method: str, found: Initialization) -> dict[str, Any]:
                 for other in robot.alternatives
             ],
         }
-    return {"method": method, "frame": found.frame, "surveyed": found.surveyed, "robots": robots}
+    return {
+        "method": method,
+        "frame": found.frame,
+        "surveyed": found.surveyed,
+        "notes": [*found.notes, *found.assumed],
+        "robots": robots,
+    }
 
 
 def show(found: Initialization) -> None:

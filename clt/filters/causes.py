@@ -122,7 +122,8 @@ def suspects(case: Case, found: Evidence, names: Sequence[str]) -> Iterator[Susp
         elif key.kind == "pair":
             row = int(np.argmax(pair_key(problem.ranges) == key.of))
             ends = int(problem.ranges.a[row]), int(problem.ranges.b[row])
-            yield Suspect("offset", tuple(end_name(problem, e, names) for e in ends), {key: 1.0})
+            pair = sorted((end_name(problem, end, names) for end in ends), key=names.index)
+            yield Suspect("offset", tuple(pair), {key: 1.0})
         elif key.kind == "x":
             yield from moved(found, key, names)
         elif key.kind in {"scale", "turn scale", "bias"}:
@@ -234,7 +235,9 @@ def gross_changes(case: Case, names: Sequence[str]) -> Iterator[tuple[Cause, Pro
     ends = range_ends(problem)
     for one, other in combinations(ends if len(ends) <= MOST_SWAPPED else [], 2):
         if (one < 0) == (other < 0):
-            pair = (end_name(problem, one, names), end_name(problem, other, names))
+            pair = tuple(
+                sorted((end_name(problem, e, names) for e in (one, other)), key=names.index)
+            )
             yield Cause("swap", pair), swapped(problem, one, other)
 
 

@@ -38,6 +38,8 @@ def diagnosis(
     if len(misfit.frozen) > 0:
         why = "; ".join(frozen_line(each, problem, names) for each in misfit.frozen[:SHOWN])
         why += ": look at the radios, or leave these ranges out"
+    elif misfit.vague:
+        why = "the start may be too uncertain for a filter with one Gaussian (--filter mixture)"
     elif misfit.cause is not None:
         why = f"likely cause: {cause_line(misfit.cause)}"
     else:
@@ -62,7 +64,8 @@ def paired(pair: PairMisfit) -> str:
 
 def frozen_line(frozen: Frozen, problem: Problem, names: Sequence[str]) -> str:
     """Whose ranges stood still."""
-    a, b = (end_name(problem, end, names) for end in (frozen.a, frozen.b))
+    ends = (end_name(problem, end, names) for end in (frozen.a, frozen.b))
+    a, b = sorted(ends, key=names.index)
     return (
         f"likely cause: the ranges {a}-{b} are frozen ({frozen.value:.3f} m repeated "
         f"{frozen.count} times while the estimated distance changed by {frozen.moved:.2f} m)"

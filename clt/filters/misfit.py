@@ -81,6 +81,19 @@ class Misfit:
     pairs: tuple[PairMisfit, ...]
     frozen: tuple[Frozen, ...]
     cause: Cause | None
+    vague: bool
+    """The start was too uncertain for a filter that linearizes: that may be all that is wrong."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What causes are looked for in."""
+
+    problem: Problem
+    """Begun where every pose is known well."""
+    solution: Solution
+    settings: FilterSettings
+    source: Indices
 
 
 def find_misfit(
@@ -105,14 +118,19 @@ def find_misfit(
     nis, chance = mean_nis(problem, solution)
     wrong = misfits(figures, worth)
     frozen = frozen_pairs(table, key, solution.residual, sigma)
-    late = late_odometry(problem, solution, settings, source)
+    begun = restarted(problem, solution)
+    vague = begun is not problem and solution.share is None
+    trial = None if begun is None or vague else Trial(begun, solution, settings, source)
+    known = begun is problem  # Marginals of a later time are too coarse for what is subtle.
+    late = late_odometry(trial) if trial is not None and known else None
     scattered = nis > max(chance, NIS)
     hard = scattered or bool(np.any(wrong)) or len(frozen) > 0
-    if not (
-        hard or late is not None or hinted(figures, worth, HINT if in_world(problem) else BODY_HINT)
-    ):
+    hint = HINT if in_world(problem) else BODY_HINT
+    if not (hard or late is not None or (known and hinted(figures, worth, hint))):
         return None
-    cause = None if len(frozen) > 0 else explain(problem, solution, settings, source, names, hard)
+    cause = None
+    if trial is not None and len(frozen) == 0:
+        cause = explain(trial, names, gross=hard)
     if cause is None and late is not None:
         cause = late
     if not hard and (cause is None or not harmful(cause, problem)):
@@ -130,7 +148,7 @@ def find_misfit(
         if wrong[i]
     )
     pairs = tuple(sorted(pairs, key=badness, reverse=True))
-    return Misfit(nis, chance, scattered, pairs, frozen, cause)
+    return Misfit(nis, chance, scattered, pairs, frozen, cause, vague)
 
 
 def badness(pair: PairMisfit) -> tuple[float, float]:
@@ -198,21 +216,17 @@ def budget(problem: Problem, most: int) -> int:
     return max(int(most * min(1.0, (FEW_NUMBERS / problem.mean.size) ** 2)), 200)
 
 
-def late_odometry(
-    problem: Problem, solution: Solution, settings: FilterSettings, source: Indices
-) -> Cause | None:
+def late_odometry(trial: Trial) -> Cause | None:
     """The robot whose odometry is late against the ranges, or all, where that is beyond doubt.
 
     Looked for with the ranges that were accepted: lateness hides in trajectories that fit them.
     """
+    problem = trial.problem
     drivers = driving(problem)
-    begun = restarted(problem, solution)
-    if begun is None or not 0 < len(drivers) <= MOST_DRIVERS:
+    use = (trial.solution.verdict == eskf.USED) & (problem.ranges.stamp > problem.start)
+    if not 0 < len(drivers) <= MOST_DRIVERS or not np.any(use):
         return None
-    use = (solution.verdict == eskf.USED) & (problem.ranges.stamp > begun.start)
-    if not np.any(use):
-        return None
-    case = case_of(begun, settings, source, use, budget(problem, QUICK))
+    case = case_of(problem, trial.settings, trial.source, use, budget(problem, QUICK))
     base = rerun(case, case.problem)
     if not np.isfinite(base.cost):
         return None
@@ -229,26 +243,20 @@ def late_odometry(
     return None if best is None else best[1]
 
 
-def explain(
-    problem: Problem,
-    solution: Solution,
-    settings: FilterSettings,
-    source: Indices,
-    names: Sequence[str],
-    gross: bool,
-) -> Cause | None:
-    """The likely cause of a misfit, from a run over the beginning of the log."""
-    begun = restarted(problem, solution)
-    if begun is None:
-        return None
-    use = problem.ranges.stamp > begun.start
+def explain(trial: Trial, names: Sequence[str], *, gross: bool) -> Cause | None:
+    """The likely cause of a misfit, from runs over the beginning of the log.
+
+    `gross`: so much is wrong that rejected ranges may be right.
+    """
+    problem = trial.problem
+    use = problem.ranges.stamp > problem.start
     if gross:
-        use &= problem.ranges.stamp > begun.start + round(max(DELAYS) * 1e9)
+        use &= problem.ranges.stamp > problem.start + round(max(DELAYS) * 1e9)
     else:
-        use &= solution.verdict == eskf.USED
+        use &= trial.solution.verdict == eskf.USED
     if not np.any(use):
         return None
-    case = case_of(begun, settings, source, use, budget(problem, THOROUGH))
+    case = case_of(problem, trial.settings, trial.source, use, budget(problem, THOROUGH))
     base = rerun(case, case.problem)
     return likely_cause(case, base, names, gross=gross) if np.isfinite(base.cost) else None
 

@@ -1,6 +1,6 @@
 """A filter that searches for robots that look lost, and believes what it finds if it is better.
 
-When most ranges of a robot contradict the estimate, the latest seconds are run once more from
+When many ranges of a robot contradict the estimate, the latest seconds are run once more from
 other poses of it. The ranges decide: only a belief under which all of them are far more probable
 takes the place of the old one, which otherwise runs on as if nothing had been tried.
 """

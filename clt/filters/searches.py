@@ -11,7 +11,7 @@ from clt.filters.solution import Solution
 def found_again(problem: Problem, solution: Solution) -> tuple[str, ...]:
     """One line for each robot whose estimate was replaced by one that its ranges fit better."""
     return tuple(
-        f"{name} was lost {often(found)}: most of its ranges contradicted the estimate, and a "
+        f"{name} was lost {often(found)}: many of its ranges contradicted the estimate, and a "
         f"search found a pose that they fit{f' ({often(vain)} in vain)' if vain > 0 else ''}"
         for name, found, vain in searches(problem, solution)
         if found > 0
@@ -21,7 +21,7 @@ def found_again(problem: Problem, solution: Solution) -> tuple[str, ...]:
 def not_found(problem: Problem, solution: Solution) -> tuple[str, ...]:
     """One line for each robot that was searched for and whose estimate stayed."""
     return tuple(
-        f"{name} looked lost {often(vain)}: most of its ranges contradicted the estimate, but a "
+        f"{name} looked lost {often(vain)}: many of its ranges contradicted the estimate, but a "
         "search found no pose that they fit clearly better, so the estimate stayed"
         for name, found, vain in searches(problem, solution)
         if found == 0 and vain > 0

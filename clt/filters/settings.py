@@ -136,8 +136,9 @@ class FilterSettings(Settings):
     gate: NotNegative = 16.0
     """A range is rejected when its NIS (a pure number) exceeds this; 0 accepts all."""
     reacquire: Positive = 3.0
-    """A robot is searched for when most of its ranges with several partners were rejected over
-    this time, s; what is found replaces the estimate where the ranges fit it clearly better."""
+    """A robot is searched for when more than 40 % of its ranges, with several partners, were
+    rejected over this time, s; what is found replaces the estimate where the ranges fit it clearly
+    better."""
     received: Received = Received()
     mixture: Mixture = Mixture()
     pf: Pf = Pf()

@@ -1,4 +1,4 @@
-"""Which robots look lost: most of their ranges, with several partners, were rejected of late.
+"""Which robots look lost: many of their ranges, with several partners, were rejected of late.
 
 A gate keeps outliers out, but also the truth once an estimate has gone astray while its covariance
 is small. Only where several partners contradict: one alone may be the one that is wrong.
@@ -17,6 +17,9 @@ DUE, ACCEPTED, CONTRADICTED, ACCUSER, SEARCHED, FOUND = 0, 1, 2, 3, 4, 5
 it was judged last, who disagreed, how often it was searched for and how often that was right."""
 NOBODY, SEVERAL = -1_000_000, -1_000_001
 """Who contradicts a robot, where it is not one partner."""
+SHARE = 0.4
+"""A robot looks lost when more than this share of its ranges is rejected: of two that are lost in
+the same way, and of four partners, each is contradicted by two."""
 
 
 def unsuspected(n: int, due: int) -> Indices:
@@ -30,9 +33,9 @@ def clear(record: Indices, robots: NDArray[np.bool_], due: int) -> None:
 
 
 def look_lost(record: Indices) -> NDArray[np.bool_]:
-    """Whether most ranges contradict each robot, whenever it is judged, shape (n,)."""
-    most = record[:, CONTRADICTED] > record[:, ACCEPTED]
-    lost: NDArray[np.bool_] = most & (record[:, ACCUSER] == SEVERAL)
+    """Whether its ranges contradict each robot, whenever it is judged, shape (n,)."""
+    many = record[:, CONTRADICTED] > SHARE * (record[:, ACCEPTED] + record[:, CONTRADICTED])
+    lost: NDArray[np.bool_] = many & (record[:, ACCUSER] == SEVERAL)
     return lost
 
 
@@ -65,7 +68,9 @@ def next_suspicion(
         for i in range(record.shape[0]):
             if now <= record[i, DUE]:
                 continue
-            if record[i, ACCUSER] == SEVERAL and record[i, CONTRADICTED] > record[i, ACCEPTED]:
+            rejected = record[i, CONTRADICTED]
+            many = rejected > SHARE * (record[i, ACCEPTED] + rejected)
+            if many and record[i, ACCUSER] == SEVERAL:
                 lost = True
             else:
                 record[i, DUE], record[i, ACCUSER] = now + patience, NOBODY

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -102,8 +103,9 @@ def inferred(
             ids[name] = number
             taken.add(number)
     used = taken | seen
-    spare = [number for number in range(1, 1 << 16) if number not in used]
     unnumbered = [name for name in names if name not in ids]
+    free_ids = (number for number in range(1, 1 << 16) if number not in used)
+    spare = list(itertools.islice(free_ids, len(unnumbered)))
     if len(unnumbered) > len(spare):
         raise LogError(f"{log.name}: topics of {len(names)} robots; clt tells 65535 apart")
     ids |= dict(zip(unnumbered, spare, strict=False))

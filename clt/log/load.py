@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from clt.document import Document
 from clt.errors import LogError
 from clt.log import convert, crew, packets, ranging, timeline
+from clt.log.fields import fields
 from clt.log.metadata import TEAM, decode_run
+from clt.log.msgdef import Struct
 from clt.log.reader import Log, Topic, read
 from clt.log.roles import ALL, Roles, by_file, by_name, role_of
-from clt.streams import Recording, no_ranges
+from clt.streams import Recording
 
 if TYPE_CHECKING:
     from clt.log.streamsfile import StreamsFile
+
+T = TypeVar("T")
 
 __all__ = ["ALL", "LoadedLog", "load"]
 
@@ -57,7 +62,12 @@ def load(
     Raises LogError where the log as a whole cannot be used, UsageError for a wrong streams file.
     """
     mapped = None if streams is None else _streams_file(streams)
-    log = read(path, lambda topic, _: _wanted(topic, mapped, want))
+    named = None if mapped is None else by_file(mapped, want)
+
+    def paths(topic: str, struct: Struct) -> tuple[str, ...] | None:
+        return fields(named or by_name([topic], want), topic, struct, brief)
+
+    log = read(path, lambda topic, _: _wanted(topic, mapped, want), paths)
     _check_readable(log)
     if mapped is not None:
         from clt.log.resolve import resolve  # noqa: PLC0415 - pydantic is slow to import
@@ -94,12 +104,23 @@ def _wanted(topic: str, mapped: StreamsFile | None, want: frozenset[str]) -> boo
 
 
 def _recording(log: Log, roles: Roles, mapped: StreamsFile | None, brief: bool) -> Recording:
-    measured = [(name, ranging.measure(log, stream, brief)) for name, stream in roles.ranges]
+    uses = Counter(stream.topic for stream in roles.streams)
     framed = packets.decode_frames(log, roles.frames)
+    measured: list[tuple[str, ranging.Measured]] = []
+
+    def last(topic: str, found: T) -> T:
+        """Forget the messages of a topic that were converted, unless other roles take them too."""
+        if uses[topic] == 1:
+            log.gathered.release(topic)
+        return found
+
     if mapped is not None:
         team = crew.given(mapped, crew.told(log))
     else:
-        team = crew.told(log) or crew.inferred(log, measured, framed)
+        told = crew.told(log)
+        if told is None:
+            measured = [(name, ranging.measure(log, one, brief)) for name, one in roles.ranges]
+        team = crew.inferred(log, measured, framed) if told is None else told
         roles = crew.known_only(log, roles, team)
         if len(team.robots) == 0:
             text = (
@@ -107,20 +128,27 @@ def _recording(log: Log, roles: Roles, mapped: StreamsFile | None, brief: bool) 
                 f"{_list(log)}"
             )
             log.faults.add("unmapped", "topics", text)
-    ranges = ranging.join(log, [one for _, one in measured], team, brief)
-    odometry = {name: convert.odometry(log, stream) for name, stream in roles.odometry.items()}
-    truth = {name: convert.poses(log, stream, False) for name, stream in roles.truth.items()}
-    estimate = {name: convert.poses(log, stream, True) for name, stream in roles.estimate.items()}
-    reckoned = {
-        name: convert.poses(log, stream, True) for name, stream in roles.dead_reckoning.items()
+    odometry = {
+        name: last(one.topic, convert.odometry(log, one, brief))
+        for name, one in roles.odometry.items()
     }
+    truth, estimate, reckoned = (
+        {name: last(one.topic, convert.poses(log, one, known)) for name, one in streams.items()}
+        for streams, known in (
+            (roles.truth, False),
+            (roles.estimate, True),
+            (roles.dead_reckoning, True),
+        )
+    )
+    each = (last(one.topic, ranging.measure(log, one, brief)) for _, one in roles.ranges)
+    ranges = ranging.join(log, each if len(measured) == 0 else _taken(measured), team, brief)
     found = None
     if roles.innovation is not None:
         found = ranging.innovations(log, roles.innovation, team)
     return Recording(
         team=team,
         odometry={name: twist for name, twist in odometry.items() if len(twist.stamp) > 0},
-        ranges=ranges if len(measured) > 0 else no_ranges(),
+        ranges=ranges,
         frames=packets.join_frames(log, [framed[name] for name in roles.frames], team),
         truth={name: poses for name, poses in truth.items() if len(poses.stamp) > 0},
         estimate=estimate,
@@ -130,6 +158,12 @@ def _recording(log: Log, roles: Roles, mapped: StreamsFile | None, brief: bool) 
         attachments=log.attachments,
         faults=log.faults.all(),
     )
+
+
+def _taken(measured: list[tuple[str, ranging.Measured]]) -> Iterator[ranging.Measured]:
+    """Each topic's ranges once, so that memory holds few twice."""
+    while len(measured) > 0:
+        yield measured.pop(0)[1]
 
 
 def _check_readable(log: Log) -> None:

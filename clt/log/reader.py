@@ -15,8 +15,10 @@ from clt.log.opened import Joined, Scanned, opened
 from clt.log.records import Document, Header, Metadata
 from clt.log.scan import Channel
 from clt.log.table import Messages
-from clt.log.wire import Budget
 from clt.streams import Attachment
+
+Fields = Callable[[str, Struct], Sequence[str] | None]
+"""Topic and type to the fields that will be decoded; None: keep the messages whole."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +61,6 @@ class Log:
     gathered: Gathered
     files: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of each file of a bag's folder, by name."""
-    budget: Budget = field(default_factory=Budget)
-    """Of decoding."""
 
     def messages(self, topic: str) -> Messages:
         """The messages of a wanted topic, in file order."""
@@ -86,26 +86,31 @@ class Log:
 
         Raises LogError for a definition that makes no sense, PathError for an unknown field.
         """
+        found = self.gathered.columns(topic, paths)
+        if found is not None:
+            return found
         struct, messages = self.struct(topic), self.messages(topic)
-        return messages, template.decode(messages, struct, paths, self.budget)
+        return messages, template.decode(messages, struct, paths, self.gathered.budget)
 
 
-def read(path: Path, want: Callable[[str, str], bool]) -> Log:
+def read(path: Path, want: Callable[[str, str], bool], fields: Fields | None = None) -> Log:
     """Read a log; `-` is standard input, a folder the bag in it.
+
+    `fields` names what `Log.decode` will be asked for, so that messages need not be held whole.
 
     `want` says by topic and type what to keep.
     Raises LogError naming the file: missing, empty, no log, without messages.
     """
     try:
         with opened(path, want) as scan:
-            return _read(scan, want)
+            return _read(scan, want, fields)
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from None
     except MemoryError:
         raise LogError(f"{path}: memory ran out while reading it") from None
 
 
-def _read(scan: Scanned, want: Callable[[str, str], bool]) -> Log:
+def _read(scan: Scanned, want: Callable[[str, str], bool], fields: Fields | None) -> Log:
     header = Header("", "")
     channels: list[Channel] = []
     metadata: list[Metadata] = []
@@ -116,7 +121,9 @@ def _read(scan: Scanned, want: Callable[[str, str], bool]) -> Log:
             case Channel():
                 channels.append(event)
                 name = "" if event.schema is None else short(event.schema.name)
-                gathered.add_channel(keep=want(event.topic, name))
+                keep = want(event.topic, name)
+                plan = _plan(event, fields) if keep and fields is not None else None
+                gathered.add_channel(keep, event.topic, plan)
             case Messages():
                 gathered.add(event)
             case Metadata():
@@ -140,6 +147,19 @@ def _read(scan: Scanned, want: Callable[[str, str], bool]) -> Log:
         gathered.packed(),
         scan.digests if isinstance(scan, Joined) else {},
     )
+
+
+def _plan(channel: Channel, fields: Fields) -> tuple[Struct, Sequence[str]] | None:
+    """The type of a channel and the fields to decode; None where that cannot be said."""
+    schema = channel.schema
+    if schema is None or (channel.encoding, schema.encoding) != ("cdr", "ros2msg"):
+        return None
+    try:
+        struct = parse(schema.name, schema.data.decode("utf-8"))
+    except (DefinitionError, UnicodeDecodeError):
+        return None
+    paths = fields(channel.topic, struct)
+    return None if paths is None else (struct, paths)
 
 
 def _topics(channels: Sequence[Channel], gathered: Gathered) -> dict[str, Topic]:

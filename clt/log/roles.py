@@ -66,11 +66,16 @@ class Roles:
     frames: dict[str, Stream] = field(default_factory=dict)
 
     @property
+    def streams(self) -> list[Stream | RangeStream]:
+        """The topics of all roles but innovations, one per role."""
+        robots = (self.odometry, self.truth, self.estimate, self.dead_reckoning, self.frames)
+        named = [stream for streams in robots for stream in streams.values()]
+        return [*named, *(stream for _, stream in self.ranges)]
+
+    @property
     def topics(self) -> frozenset[str]:
         """Every topic that plays a role."""
-        named = (self.odometry, self.truth, self.estimate, self.dead_reckoning, self.frames)
-        topics = {stream.topic for streams in named for stream in streams.values()}
-        topics |= {stream.topic for _, stream in self.ranges}
+        topics = {stream.topic for stream in self.streams}
         return frozenset(topics if self.innovation is None else {*topics, self.innovation})
 
 

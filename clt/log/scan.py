@@ -8,7 +8,7 @@ of the record in the summary.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import BinaryIO, TypeVar
 
@@ -18,7 +18,7 @@ from clt.errors import LogError
 from clt.log import records
 from clt.log.chunk import LIMIT
 from clt.log.faults import Faults
-from clt.log.frames import Frames
+from clt.log.frames import Frame, Frames
 from clt.log.magic import explain
 from clt.log.records import MAGIC, ChannelRecord, Document, Header, Metadata, Schema
 from clt.log.resync import Effort, at, sound
@@ -54,6 +54,20 @@ class Names:
     """Channels whose schema, by its id, has not come yet."""
     waiting: list[Messages] = field(default_factory=list)
     """Messages on channels not seen yet."""
+
+
+def _behind_header(
+    known: Sequence[Schema | ChannelRecord], frames: Iterable[Frame]
+) -> Iterator[Frame]:
+    """The frames of a file, with what is known beforehand behind its header."""
+    rest = iter(frames)
+    first = next(rest, None)
+    if isinstance(first, Header):
+        yield first
+    yield from known
+    if first is not None and not isinstance(first, Header):
+        yield first
+    yield from rest
 
 
 class Scan:
@@ -115,7 +129,7 @@ class Scan:
         """One of the joined files; mostly there is one."""
         names = Names()
         known, self._salvage = self._salvage or (), None if self._salvage is None else ()
-        for frame in itertools.chain(known, frames):
+        for frame in _behind_header(known, frames):
             match frame:
                 case Schema():
                     waiting = names.unnamed.pop(frame.id, [])

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clt.log.load import LoadedLog
 from clt.streams import Indices, Odometry, Poses, Ranges, Recording, Robot, Stamps, Team
@@ -94,8 +96,10 @@ def summarize(recording: Recording) -> Summary:
 def pair_rhythms(ranges: Ranges, team: Team) -> dict[tuple[str, str], Rhythm]:
     """Rhythm of the ranges from each source to each target that has any."""
     count = len(team.robots)
-    code = ranges.source * count + ranges.target
-    order = np.argsort(code.astype(np.uint16) if count <= 256 else code, kind="stable")
+    narrow = np.dtype(np.uint16 if count <= 256 else np.int64)
+    code: NDArray[Any] = ranges.source.astype(narrow) * narrow.type(count)
+    code += ranges.target.astype(narrow)
+    order = np.argsort(code, kind="stable")
     bounds: Indices = np.flatnonzero(np.diff(code[order])) + 1
     groups = np.split(order, bounds) if len(order) > 0 else []
     names = team.names

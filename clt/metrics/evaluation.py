@@ -71,7 +71,7 @@ class Evaluation:
 
     def as_dict(self, log: str) -> dict[str, Any]:
         """The object that `clt evaluate --json` prints."""
-        pairs = {name: asdict(pair) for name, pair in self.pairs.items()}
+        pairs = {name: _pair(pair) for name, pair in self.pairs.items()}
         robots = dict.fromkeys([*self.estimate.scores, *self.dead_reckoning.scores])
         return {
             "log": log,
@@ -98,11 +98,15 @@ class Evaluation:
                 "dead_reckoning": _dict(self.dead_reckoning.team),
             },
             "unscored": list(self.unscored),
-            "ranges": None if self.all_pairs is None else asdict(self.all_pairs) | pairs,
+            "ranges": None if self.all_pairs is None else _pair(self.all_pairs) | pairs,
             "pairs": pairs,
             "mirror": self.mirror,
             "warnings": [warned.text for warned in self.warnings],
         }
+
+
+def _pair(pair: PairNis) -> dict[str, Any]:
+    return {**asdict(pair), "significant": list(pair.significant)}
 
 
 def _dict(figures: Score | None) -> dict[str, Any] | None:

@@ -116,7 +116,7 @@ WRONG = {
         lambda r: longer(r, -0.3, "R3"),
         "the ranges of R3 are 0.[23][0-9] m too short",
     ),
-    "offset of a pair": (lambda r: longer(r, 0.3, "R1", "R3"), "ranges R[13]-R[13] are 0.3[0-9] m"),
+    "offset of a pair": (lambda r: longer(r, 0.3, "R1", "R3"), "ranges R1-R3 are 0.[23][0-9] m"),
     "gain": (lambda r: longer(r, 0.0, gain=1.05), "all ranges are [45].[0-9] % too long"),
     "anchor": (
         lambda r: surveyed(r, R1=(0.6, 0.8)),
@@ -125,7 +125,7 @@ WRONG = {
     "near anchor": (lambda r: surveyed(r, R1=(0.2, 0.2)), "R1 stands about 0.[23][0-9] m from its"),
     "anchors": (
         lambda r: surveyed(r, R1=(12.0, 0.0), R2=(0.0, 0.0)),
-        "R[12] and R[12] are interchanged: check their ids",
+        "R1 and R2 are interchanged: check their ids",
     ),
     "ids": (lambda r: interchanged(r, "R3", "R5"), "R3 and R5 are interchanged"),
     "clock": (lambda r: ahead(r, "R3", 1.0), "the clock of R3 is about 1.00 s ahead"),
@@ -152,17 +152,23 @@ def test_what_is_wrong_is_named(matched, name):
     assert re.search(expected, lines[0]), lines[0]
 
 
-@pytest.mark.parametrize(
-    ("filter_", "frame"),
-    [("eskf", "world"), ("ekf", "world"), ("mixture", "ego:R3"), ("eskf", "ego:R3")],
-)
-def test_matched_sensors_fit(matched, filter_, frame):
-    assert localized(matched, filter_=filter_, frame=frame) == []
+@pytest.mark.parametrize("filter_", ["eskf", "ekf"])
+def test_matched_sensors_fit(matched, filter_):
+    assert localized(matched, filter_=filter_) == []
 
 
-def test_other_filters_find_it_too(matched):
-    (line,) = localized(longer(matched, 0.5), filter_="mixture", frame="ego:R3")
-    assert "too long: calibrate" in line
+@pytest.fixture(scope="module")
+def crossing():
+    """Two cars, ten seconds: few ranges, for filters that are slow."""
+    return simulate(load_scenario("araki-left-turns", {"seed": 3}))
+
+
+@pytest.mark.parametrize("filter_", ["eskf", "mixture"])
+def test_relative_poses(crossing, filter_):
+    chosen = {"filter_": filter_, "frame": "ego:car1"}
+    assert localized(crossing, **chosen) == []
+    (line,) = localized(frozen(crossing, "car1", "car2"), **chosen)
+    assert "the ranges car1-car2 are frozen" in line
 
 
 def test_a_quarter_of_a_pairs_ranges_rejected_is_a_misfit(matched):

@@ -64,10 +64,22 @@ def test_bursts_of_outliers_do_not_wipe_out_a_good_estimate():
     problem = lay_out(recording, from_truth(recording, SIGMA), DEFAULTS)
     solution, without = solve_eskf(problem, DEFAULTS), solve_eskf(problem, NEVER)
     assert solution.lost.sum() > 0
+    error, least = (
+        np.sqrt(np.mean(errors(recording, problem, each)[:, 0] ** 2))
+        for each in (solution, without)
+    )
+    assert error < min(0.13, 1.05 * least)
+
+
+def test_a_search_in_vain_leaves_no_trace():
+    recording = simulated(122, 20.0, 0.2)
+    problem = lay_out(recording, from_truth(recording, SIGMA), DEFAULTS)
+    solution, without = solve_eskf(problem, DEFAULTS), solve_eskf(problem, NEVER)
+    assert solution.lost.sum() > 0
     assert solution.found.sum() == 0
-    assert np.sqrt(np.mean(errors(recording, problem, solution)[:, 0] ** 2)) < 0.13
     np.testing.assert_array_equal(solution.mean, without.mean)
     np.testing.assert_array_equal(solution.covariance, without.covariance)
+    np.testing.assert_array_equal(solution.residual, without.residual)
     lines = not_found(problem, solution)
     assert len(lines) == np.sum(solution.lost > 0)
     assert "looked lost" in lines[0]
@@ -100,6 +112,28 @@ def test_a_whole_team_is_found_at_once(solve):
     solution = solve(problem, DEFAULTS)
     assert np.all(solution.found == 1)
     assert errors(recording, problem, solution, since=6.0).max(axis=0) == pytest.approx(0, abs=0.2)
+
+
+def test_two_that_are_lost_in_the_same_way():
+    """Each range between them fits, so that no more than half of their ranges are rejected."""
+    recording = simulated(302, 8.0, 0.0)
+    start = from_truth(recording, SIGMA)
+    poses = dict(start.poses)
+    for name, error in (("R3", (2.0, -2.0, 0.0)), ("R5", (2.0, -2.0, 0.0))):
+        poses[name] = replace(poses[name], mean=poses[name].mean + np.array(error))
+    problem = lay_out(recording, replace(start, poses=poses), DEFAULTS)
+    solution = solve_eskf(problem, DEFAULTS)
+    assert errors(recording, problem, solution, since=7.0)[:, 0].max() < 0.2
+
+
+def test_an_estimate_that_is_not_finite_is_not_searched_for():
+    recording = team_recording(seed=1, seconds=3.0)
+    options = FilterSettings(reacquire=0.5)
+    problem = lay_out(recording, from_truth(recording, SIGMA), options)
+    belief = problem.belief._replace(mean=np.full_like(problem.belief.mean, np.nan))
+    solution = solve_eskf(replace(problem, belief=belief), options)
+    assert solution.lost.sum() > 0
+    assert not solution.found.any()
 
 
 def test_in_the_frame_of_a_robot():

@@ -67,9 +67,8 @@ def sorted_at(recording, start, settings, estimator, stamps):
     """The sorted replay with every block at the given stamps."""
     problem = lay_out(recording, start, settings, estimator.view)
     problem = replace(problem, outputs=all_blocks(len(problem.robots), stamps))
-    return world.posterior_of(
-        recording, problem, estimator.run(problem, settings), estimator.filter
-    )
+    solution = estimator.run(problem, settings)
+    return world.posterior_of(recording, problem, solution, settings, estimator.filter)
 
 
 def distance_error(recording, posterior, name, ego="R1"):

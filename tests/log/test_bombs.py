@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import time
 import zlib
+from dataclasses import replace
 from io import BytesIO
 
+import numpy as np
 import pytest
 import zstandard
 from mcap import records
@@ -18,9 +20,12 @@ from clt.cli.app import app
 from clt.errors import LogError
 from clt.log import chunk
 from clt.log.load import load
+from clt.log.packets import frame_channel
 from clt.log.records import MAGIC
 from clt.log.summary import as_dict, summarize
+from clt.log.write import write_log as write
 from clt.printable import name, printable
+from clt.streams import Frames, Robot, Team
 from tests.log.logs import odometry_message, pose_message, range_message, write_log
 
 SECOND = 10**9
@@ -229,3 +234,20 @@ def test_a_command_says_when_memory_runs_out(tmp_path, monkeypatch):
     assert found.stderr.count("\n") == 1
     assert "log.mcap" in found.stderr
     assert "memory" in found.stderr
+
+
+def test_packets_of_a_team_too_large(tmp_path, monkeypatch):
+    """Receptions are a table of packets by robots; a team of thousands may ask for all memory."""
+    monkeypatch.setattr("clt.log.packets.ENTRIES", 100)
+    robots = [{"name": f"R{k}", "id": k} for k in range(1, 102)]
+    team = Team(tuple(Robot(robot["name"], robot["id"]) for robot in robots))
+    one, none = np.array([SECOND]), np.full((1, len(robots)), -1)
+    zero = np.zeros(1, np.int64)
+    x = np.zeros(1)
+    frames = Frames(one, one, zero, zero, zero, none, none, zero - 1, x * np.nan, x * np.nan)
+    few = replace(frames, receive=none[:, :2], heard=none[:, :2])
+    channel = frame_channel(Team(team.robots[:2]), 0, few)
+    file = BytesIO()
+    write(file, [channel], {"clt.team": {"robots": json.dumps(robots)}})
+    with pytest.raises(LogError, match=r"log\.mcap: /R1/uwb/frame: 1 packets among 101 robots"):
+        read(tmp_path, file.getvalue())
