@@ -8,6 +8,7 @@ one predict and one update per instant, and robots moved when a range or an outp
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
@@ -29,14 +30,14 @@ from clt.streams import Floats, Indices
 class TeamFilter(ExtendedKalmanFilter):  # type: ignore[misc]
     """filterpy's EKF with the team's motion as its prediction of the mean."""
 
-    def __init__(self, problem: Problem, settings: FilterSettings) -> None:
+    def __init__(self, problem: Problem, settings: FilterSettings, *, hold: bool) -> None:
         super().__init__(dim_x=problem.mean.size, dim_z=1)
         self.x, self.P = problem.mean.copy(), problem.covariance.copy()
         self.problem, self.space = problem, problem.space
         self.shi = process_form(problem, settings) == SHI
         self.clock = Clock(problem.segments, problem.space, problem.start)
         kept = problem.memory
-        hold, relative = wanted(problem, settings), bool(np.any(problem.space.base != WORLD))
+        relative = bool(np.any(problem.space.base != WORLD))
         self.first = hold and not relative
         self.shift = kept.copy() if isinstance(kept, np.ndarray) else np.zeros(self.x.size)
         self.free = free_of(problem, hold and relative)
@@ -84,10 +85,10 @@ class TeamFilter(ExtendedKalmanFilter):  # type: ignore[misc]
 
 def solve_ekf(problem: Problem, settings: FilterSettings) -> Solution:
     """The numbers of `gaussian.solve_ekf`."""
-    return follow(problem, settings, solve)
+    return follow(problem, settings, partial(solve, hold=wanted(problem, settings)))
 
 
-def solve(problem: Problem, settings: FilterSettings) -> Solution:
+def solve(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
     """Run the filter alone."""
-    team = TeamFilter(problem, settings)
+    team = TeamFilter(problem, settings, hold=hold)
     return replace(run(team, problem, settings.gate), memory=team.shift)

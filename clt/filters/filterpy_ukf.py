@@ -5,6 +5,8 @@ Written as a filterpy user would: one predict per step of constant twists, one u
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter, unscented_transform
 from scipy.linalg import LinAlgError, cholesky
@@ -51,7 +53,7 @@ def transition(x: Floats, dt: float, space: Space, pieces: list[Piece]) -> Float
 class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
     """filterpy's UKF of a team."""
 
-    def __init__(self, problem: Problem, settings: FilterSettings) -> None:
+    def __init__(self, problem: Problem, settings: FilterSettings, *, hold: bool) -> None:
         alpha, beta, kappa = settings.ukf.alpha, settings.ukf.beta, settings.ukf.kappa
         N = problem.mean.size
         points = MerweScaledSigmaPoints(N, alpha, beta, kappa, sqrt_method=square_root)
@@ -61,7 +63,7 @@ class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
         self.shi = process_form(problem, settings) == SHI
         self.clock = Clock(problem.segments, problem.space, problem.start)
         self.now = problem.start
-        self.free = free_of(problem, wanted(problem, settings))
+        self.free = free_of(problem, hold)
 
     def advance(self, until: int, drivers: set[int]) -> None:
         """Predict up to the time `until` (ns): all drivers together, whichever are wanted."""
@@ -111,9 +113,9 @@ class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
 
 def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:
     """The numbers of `ukf.solve_ukf`."""
-    return follow(problem, settings, solve)
+    return follow(problem, settings, partial(solve, hold=wanted(problem, settings)))
 
 
-def solve(problem: Problem, settings: FilterSettings) -> Solution:
+def solve(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
     """Run the filter alone."""
-    return run(TeamFilter(problem, settings), problem, settings.gate)
+    return run(TeamFilter(problem, settings, hold=hold), problem, settings.gate)

@@ -7,6 +7,8 @@ with those at the latest estimate.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from clt.errors import UsageError
@@ -28,14 +30,14 @@ def solve_eskf(problem: Problem, settings: FilterSettings) -> Solution:
 
     Raises UsageError for Shi's process noise outside the world frame.
     """
-    return follow(problem, settings, solve)
+    return follow(problem, settings, partial(solve, hold=wanted(problem, settings)))
 
 
-def solve(problem: Problem, settings: FilterSettings) -> Solution:
-    """Run the filter alone."""
+def solve(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
+    """Run the filter alone; `hold` what no range tells (`free`), decided once for a whole log."""
     form = process_form(problem, settings)
     memory = remembered(problem)
-    first, relative = wanted(problem, settings), bool(np.any(problem.space.base != WORLD))
+    relative = bool(np.any(problem.space.base != WORLD))
     run = eskf.run(
         problem.mean,
         problem.covariance,
@@ -46,8 +48,8 @@ def solve(problem: Problem, settings: FilterSettings) -> Solution:
         problem.outputs,
         gate=settings.gate,
         form=form,
-        first=first and not relative,
-        free=free_of(problem, first and relative),
+        first=hold and not relative,
+        free=free_of(problem, hold and relative),
         space=problem.space,
         end=problem.end,
         memory=memory,

@@ -10,6 +10,7 @@ own gate as in the error-state filter.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -261,11 +262,11 @@ def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:
 
     Raises UsageError for Shi's process noise outside the world frame.
     """
-    return follow(problem, settings, solve)
+    return follow(problem, settings, partial(solve, hold=wanted(problem, settings)))
 
 
-def solve(problem: Problem, settings: FilterSettings) -> Solution:
-    """Run the filter alone."""
+def solve(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
+    """Run the filter alone; `hold` what no range tells (`free`), decided once for a whole log."""
     form = process_form(problem, settings)
     x, P = problem.mean.astype(np.float64), problem.covariance.astype(np.float64)
     segments, ranges = problem.segments, problem.ranges
@@ -278,7 +279,7 @@ def solve(problem: Problem, settings: FilterSettings) -> Solution:
     ukf(
         state, points_of(x.size, settings.ukf), problem.start, problem.end, problem.space,
         problem.lever, segments, ranges, problem.outputs, settings.gate,
-        form, free_of(problem, wanted(problem, settings)),
+        form, free_of(problem, hold),
         measured_of(most_at_once(ranges.stamp), x.size), run,
     )  # fmt: skip
     return Solution(

@@ -40,7 +40,7 @@ NOTHING = Throughout()
 
 def throughout(noise: Noise) -> Throughout:
     """What the settings say of errors of scale and bias."""
-    return Throughout(noise.scale, noise.scale, noise.bias)
+    return Throughout(*noise.lasting)
 
 
 @dataclass(frozen=True)

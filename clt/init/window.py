@@ -94,9 +94,10 @@ def _unsure(part: Segments, noise: Noise, seconds: float) -> Segments:
     White noise that adds up to as much over so many `seconds`, and to more before.
     """
     times = seconds / np.maximum(part.interval, 1e-9)
+    scale_v, scale_omega, bias = noise.lasting
     return part._replace(
-        var_v=part.var_v + times * (noise.scale * part.v) ** 2,
-        var_omega=part.var_omega + times * ((noise.scale * part.omega) ** 2 + noise.bias**2),
+        var_v=part.var_v + times * (scale_v * part.v) ** 2,
+        var_omega=part.var_omega + times * ((scale_omega * part.omega) ** 2 + bias**2),
     )
 
 
