@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from clt.filters import world
+from clt.filters.choices import parse_view
 from clt.filters.settings import FilterSettings
-from clt.filters.space import parse_view
 from clt.filters.world import Estimator
 from clt.init.truth import from_truth
 from clt.sim.scenario import load_scenario

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from clt.filters import reacquisition
+from clt.filters.choices import parse_view
 from clt.filters.evidence import log_densities
 from clt.filters.gaussian import solve_ekf, solve_eskf
 from clt.filters.inputs import RangeTable
 from clt.filters.problem import lay_out
 from clt.filters.searches import found_again, not_found
 from clt.filters.settings import FilterSettings
-from clt.filters.space import parse_view
 from clt.filters.ukf import solve_ukf
 from clt.geometry import wrap
 from clt.init.truth import from_truth
