@@ -86,10 +86,10 @@ def wanted(problem: Problem, settings: FilterSettings) -> bool:
 
 @inlined
 def still(segments: Segments, cursor: Indices, d: int, free: Free) -> bool:
-    """Whether the antenna of driver d is at rest from now on."""
+    """Whether the antenna of driver d is at rest from now on: as its odometry says, or for good."""
     k = cursor[d]
     if k >= segments.first[d + 1]:
-        return True
+        return bool(segments.first[d] == segments.first[d + 1])
     reach = abs(free.antenna[d, 0]) + abs(free.antenna[d, 1])
     turning: float = abs(segments.omega[k]) * reach
     return bool(abs(segments.v[k]) < AT_REST and turning < AT_REST)

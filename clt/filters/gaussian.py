@@ -33,6 +33,11 @@ def solve_eskf(problem: Problem, settings: FilterSettings) -> Solution:
     return follow(problem, settings, partial(solve, hold=wanted(problem, settings)))
 
 
+def solve_alone(problem: Problem, settings: FilterSettings) -> Solution:
+    """Run the filter without a search for robots that look lost."""
+    return solve(problem, settings, hold=wanted(problem, settings))
+
+
 def solve(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
     """Run the filter alone; `hold` what no range tells (`free`), decided once for a whole log."""
     form = process_form(problem, settings)

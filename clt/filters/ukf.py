@@ -116,7 +116,9 @@ def step(
     """
     x, P, cursor = state.x, state.P, state.cursor
     blocks = plain(space, x)
-    turns = find(x, P, space, ranges, m, m, segments, cursor, free)
+    turns = 0
+    if space.base[0] >= 0:
+        turns = find(x, P, space, ranges, m, m, segments, cursor, free)
     draw_held(x, P, turns, free, points)
     for d in range(cursor.size):
         k = cursor[d]
@@ -263,6 +265,11 @@ def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:
     Raises UsageError for Shi's process noise outside the world frame.
     """
     return follow(problem, settings, partial(solve, hold=wanted(problem, settings)))
+
+
+def solve_alone(problem: Problem, settings: FilterSettings) -> Solution:
+    """Run the filter without a search for robots that look lost."""
+    return solve(problem, settings, hold=wanted(problem, settings))
 
 
 def solve(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:

@@ -19,6 +19,7 @@ from clt.filters.searches import found_again, not_found
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Filter, Solution
 from clt.filters.space import ERRORS
+from clt.filters.start_draws import swayed
 from clt.geometry import ANY_HEADING
 from clt.init.start import Start
 from clt.streams import Floats, Innovations, Poses, Recording, Stamps
@@ -45,6 +46,12 @@ FILTERPY: dict[str, Filter] = {
     "ukf": filterpy_engine.solve_ukf,
 }
 """The same through filterpy."""
+ALONE: dict[str, Filter] = {
+    "eskf": gaussian.solve_alone,
+    "ekf": gaussian.solve_alone,
+    "ukf": ukf.solve_alone,
+}
+"""Filters of one Gaussian, without their search for lost robots."""
 KEEP_ALL = frozenset({"mixture", "pf", "dpf"})
 """Filters that follow every hypothesis of a start, and tell which of them was true."""
 
@@ -230,7 +237,29 @@ def localize(
     """Filter a log. Raises CltError where nothing can be estimated."""
     problem = lay_out(recording, start, settings, estimator.view)
     solution = estimator.run(problem, settings)
-    return posterior_of(recording, problem, solution, settings, estimator.filter)
+    posterior = posterior_of(recording, problem, solution, settings, estimator.filter)
+    return replace(
+        posterior,
+        left_out=(*posterior.left_out, *swayed_robots(problem, solution, settings, estimator)),
+    )
+
+
+def swayed_robots(
+    problem: Problem, solution: Solution, settings: FilterSettings, estimator: Estimator
+) -> tuple[str, ...]:
+    """A line where the estimate of one Gaussian hangs on where its start was taken."""
+    alone = ALONE.get(estimator.filter)
+    if alone is None:
+        return ()
+    names = swayed(problem, solution, lambda other: alone(other, settings))
+    if len(names) == 0:
+        return ()
+    line = (
+        f"{', '.join(names)}: starts as likely as the given one lead elsewhere, further off than "
+        f"{estimator.filter} states: its start is too uncertain for one Gaussian; use --filter "
+        "mixture, or start from a better known pose"
+    )
+    return (line,)
 
 
 def posterior_of(
