@@ -75,7 +75,9 @@ class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
                 np.zeros_like(self.P),
             )
             nothing = self.problem.ranges, 0, 0, self.problem.segments, cursor
-            turns = find(self.x, self.P, self.space, *nothing, self.free)
+            turns = 0
+            if self.space.base[0] >= 0:
+                turns = find(self.x, self.P, self.space, *nothing, self.free)
             self.P = self.held(turns)
             self.predict(space=self.space, pieces=pieces)
             add_turns(self.x, self.P, self.space, *nothing, self.free, turns)

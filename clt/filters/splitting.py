@@ -42,6 +42,17 @@ def density(place: float, width: float) -> float:
 
 
 @lean
+def deviation(bank: Bank, k: int, row: int) -> float:
+    """Standard deviation of Gaussian k along row `row` of J, H, and P H^T into `gain`.
+
+    Zero where the covariance is none any more.
+    """
+    project(bank.covariance[k], bank.J, bank.H, row, bank.gain)
+    square = dot(bank.gain, bank.J, bank.H, row)
+    return math.sqrt(square) if square > 0.0 else 0.0
+
+
+@lean
 def split(bank: Bank, k: int, row: int, width: float) -> bool:
     """Split Gaussian k along row `row` of J, H into parts of about `width` of its own.
 
@@ -51,14 +62,9 @@ def split(bank: Bank, k: int, row: int, width: float) -> bool:
     width = min(width, WIDEST)
     n = half_count(width)
     first = bank.alive[0]
-    if first + 2 * n > bank.log_weight.size:
+    sigma, g = deviation(bank, k, row), bank.gain
+    if first + 2 * n > bank.log_weight.size or sigma == 0.0:
         return False
-    g = bank.gain
-    project(bank.covariance[k], bank.J, bank.H, row, g)
-    square = dot(g, bank.J, bank.H, row)
-    if not square > 0.0:
-        return False
-    sigma = math.sqrt(square)
     total, variance = 0.0, 0.0
     for i in range(-n, n + 1):
         place = i * SPACING * width
@@ -92,11 +98,9 @@ def draw(bank: Bank, k: int, row: int, width: float) -> bool:
     False where its covariance is none any more.
     """
     g, P = bank.gain, bank.covariance[k]
-    project(P, bank.J, bank.H, row, g)
-    square = dot(g, bank.J, bank.H, row)
-    if not square > 0.0:
+    sigma = deviation(bank, k, row)
+    if sigma == 0.0:
         return False
-    sigma = math.sqrt(square)
     taken = 1.0 - width * width
     place = math.sqrt(taken) * np.random.normal() / sigma  # noqa: NPY002  seeded by the kernel
     for r in range(g.size):

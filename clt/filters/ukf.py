@@ -117,7 +117,9 @@ def step(
     """
     x, P, cursor = state.x, state.P, state.cursor
     blocks = plain(space, x)
-    turns = find(x, P, space, ranges, m, m, segments, cursor, free)
+    turns = 0
+    if space.base[0] >= 0:
+        turns = find(x, P, space, ranges, m, m, segments, cursor, free)
     draw_held(x, P, turns, free, points)
     for d in range(cursor.size):
         k = cursor[d]

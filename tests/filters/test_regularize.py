@@ -96,5 +96,5 @@ def spreads(number):
 
 
 def test_five_thousand_particles_state_the_variance_of_the_mixture():
-    ratio = np.array([spreads(number) for number in (1, 2, 3)])
+    ratio = np.array([spreads(number) for number in (1, 2, 3, 4)])
     assert np.all((ratio.mean(axis=0) > 0.8) & (ratio.mean(axis=0) < 1.25))
