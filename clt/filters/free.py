@@ -87,9 +87,9 @@ def wanted(problem: Problem, settings: FilterSettings) -> bool:
 @inlined
 def still(segments: Segments, cursor: Indices, d: int, free: Free) -> bool:
     """Whether the antenna of driver d is at rest from now on: as its odometry says, or for good."""
-    k = cursor[d]
-    if k >= segments.first[d + 1]:
-        return bool(segments.first[d] == segments.first[d + 1])
+    if segments.first[d] == segments.first[d + 1]:
+        return True
+    k = min(cursor[d], segments.first[d + 1] - 1)
     reach = abs(free.antenna[d, 0]) + abs(free.antenna[d, 1])
     turning: float = abs(segments.omega[k]) * reach
     return bool(abs(segments.v[k]) < AT_REST and turning < AT_REST)
@@ -284,14 +284,16 @@ def seen_from(space: Space, d: int) -> bool:
 def add_bend(x: Floats, space: Space, i: int, free: Free, covariance: Floats) -> None:
     """Add to the covariance (3, 3) of block i that a wide turn leads along a circle, in place.
 
-    What turns by a ~ N(0, s^2) about the antenna at a distance u also comes nearer to where it was
-    seen from, by u a^2 / 2: on average squared, 3/4 s^4 u u^T.
+    What turns by a ~ N(0, s^2) about the antenna, at u from it, is left by u (1 - cos a) behind
+    the tangent: on average squared, 3/2 - 2 exp(-s^2 / 2) + exp(-2 s^2) / 2 times u u^T.
     """
     if free.active == 0 or space.base[i] < 0:
         return
     d = space.base[i]
     ux, uy = x[3 * i] - free.antenna[d, 0], x[3 * i + 1] - free.antenna[d, 1]
-    share = 0.75 * free.bend[d] ** 2
+    e = math.expm1(-0.5 * free.bend[d])
+    # The same in powers of what the exponential is below one: small ones stay exact.
+    share = e * e * (3.0 + 2.0 * e + 0.5 * e * e)
     covariance[0, 0] += share * ux * ux
     covariance[0, 1] += share * ux * uy
     covariance[1, 0] += share * ux * uy

@@ -159,8 +159,9 @@ def test_with_a_covariance_that_is_singular(name):
 
 
 def test_with_the_noise_of_the_paper():
+    """No robot is fixed: what is free is taken out of the covariance, which makes it singular."""
     ours, theirs = both("ukf", team_recording(seed=1, seconds=5.0), {"process": "shi"}, "world")
-    assert_same(ours, theirs)
+    assert_same(ours, theirs, 1e-7)
 
 
 @pytest.mark.parametrize(
