@@ -29,7 +29,10 @@ SWAYED = 3.0
 """Mean of dx^T P^-1 dx / n that no linear system would show."""
 CLEARLY = 20.0
 """Starts under which the ranges are less probable by so many nats (and 1/2 for each number of the
-state, as for any other start) say nothing: the ranges refute them."""
+state, as for any other start) say nothing: the ranges refute them. Where they are more probable by
+so many, they refute the given one."""
+REFUTED = 1.0
+"""Of the same mean, where the given start is refuted."""
 SURE = 1e-9
 """Variance of what is known for certain."""
 
@@ -50,18 +53,20 @@ def swayed(
     rng = np.random.default_rng(SEED)
     own = evidence(problem, solution)
     least = own - CLEARLY - 0.5 * float(np.sum(values > SURE))
-    total, count = np.zeros(blocks), 0
+    total, count, refuted = np.zeros(blocks), 0, np.zeros(blocks, np.bool_)
     for _ in range(DRAWS):
         mean = problem.mean + root @ rng.standard_normal(P.shape[0])
         other = run(replace(problem, prior=None, belief=Belief(np.zeros(1), mean[None], P[None])))
-        if evidence(problem, other) >= least:
-            total += distances(problem, solution, other)
+        probable = evidence(problem, other)
+        if probable >= least:
+            apart = distances(problem, solution, other)
+            refuted |= (probable > own + CLEARLY) & (apart > REFUTED)
+            total += apart
             count += 1
     if count == 0:
         return ()
-    return tuple(
-        name for name, sum_ in zip(problem.robots, total, strict=True) if sum_ > SWAYED * count
-    )
+    found = refuted | (total > SWAYED * count)
+    return tuple(name for name, one in zip(problem.robots, found, strict=True) if one)
 
 
 def wide(problem: Problem) -> list[bool]:

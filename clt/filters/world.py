@@ -18,7 +18,7 @@ from clt.filters.problem import ABSOLUTE, Problem, lay_out
 from clt.filters.searches import found_again, not_found
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Filter, Solution
-from clt.filters.space import ERRORS
+from clt.filters.space import ERRORS, WORLD
 from clt.filters.start_draws import swayed
 from clt.geometry import ANY_HEADING
 from clt.init.start import Start
@@ -28,6 +28,8 @@ UNIQUE = 0.999
 """A robot whose leading pose is less probable than this may be elsewhere."""
 DROPPED = 0.01
 """Probability of hypotheses dropped for want of room that is worth a word."""
+IMPLAUSIBLE = 4.0
+"""An error of odometry of so many standard deviations is not believed."""
 LOST_SHARE = 0.5
 """A robot with more than this share of its ranges rejected is called diverged."""
 
@@ -96,13 +98,22 @@ def trajectories(problem: Problem, solution: Solution) -> dict[str, Poses]:
 
 def told(problem: Problem, block: int, covariance: Floats) -> Floats:
     """Covariances (n, 3, 3) of a block, without what a filter makes of a heading nobody knows."""
-    prior = problem.prior
-    if prior is None or prior.who[block] not in prior.places:
+    prior, heading = problem.prior, 3 * block + 2
+    unknown = prior is not None and prior.who[block] in prior.places
+    held = standing_block(problem, block) and problem.covariance[heading, heading] == 0.0
+    if not (unknown or held):
         return covariance
     P = covariance.copy()
     P[:, 2, :] = P[:, :, 2] = 0.0
-    P[:, 2, 2] = ANY_HEADING**2
+    if unknown:
+        P[:, 2, 2] = ANY_HEADING**2
     return P
+
+
+def standing_block(problem: Problem, block: int) -> bool:
+    """Whether a block is that of a static robot in the world: its heading is but a convention."""
+    first, driver = problem.segments.first, problem.space.who[block]
+    return bool(problem.space.base[block] == WORLD and first[driver] == first[driver + 1])
 
 
 def innovations(problem: Problem, solution: Solution, recording: Recording) -> Innovations:
@@ -195,6 +206,26 @@ def calibrated(problem: Problem, belief: Belief) -> tuple[str, ...]:
                 f"of omega {1.0 + omega:.4f} (sigma {sigma_omega:.4f}), "
                 f"bias {bias:+.4f} rad/s (sigma {sigma:.4f})"
             )
+    return tuple(lines)
+
+
+def implausible(problem: Problem, belief: Belief, settings: FilterSettings) -> tuple[str, ...]:
+    """A line where errors of odometry are estimated far beyond what the settings allow for."""
+    lines = []
+    for d, name in enumerate(problem.drivers):
+        s = problem.space.calibration[d]
+        if s < 0:
+            continue
+        allowed = zip(("scale of v", "scale of omega", "bias"), settings.noise.lasting, strict=True)
+        for k, (what, sigma) in enumerate(allowed):
+            value, _ = spread(belief, s + k)
+            if sigma > 0.0 and abs(value) > IMPLAUSIBLE * sigma:
+                lines.append(
+                    f"odometry of {name}: the error of its {what} is estimated as {value:+.3f}, "
+                    f"{abs(value) / sigma:.1f} times the standard deviation that the settings "
+                    "state: the filter went astray, or noise.scale, noise.scale_omega, noise.bias "
+                    "are too small"
+                )
     return tuple(lines)
 
 
@@ -296,6 +327,7 @@ def posterior_of(
             *found_again(problem, solution),
             *cut_off(problem, solution),
             *ambiguous(problem, solution),
+            *implausible(problem, solution.belief, settings),
             *(crowded if decided else ()),
             *(
                 ()
