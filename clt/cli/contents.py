@@ -15,6 +15,7 @@ from clt.cli.topics import SHOWN as MOST
 from clt.cli.topics import guesses, table, unused
 from clt.log.load import LoadedLog
 from clt.log.summary import Rhythm, Summary
+from clt.printable import name as shown
 from clt.printable import printable
 from clt.streams import WORLD, Recording
 
@@ -99,7 +100,7 @@ def robots(recording: Recording, summary: Summary) -> Table:
         elif robot.static:
             role = "static, position unknown"
         cells = [cell(summary.streams[kind].get(robot.name)) for kind in present]
-        table.add_row(robot.name, str(robot.id), role, *cells)
+        table.add_row(robot.name, str(robot.id), Text(shown(role)), *cells)
     return table
 
 

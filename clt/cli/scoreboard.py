@@ -185,7 +185,7 @@ def summary(console: Console, evaluations: Mapping[str, Evaluation]) -> None:
     for log, evaluation in evaluations.items():
         team, baseline = evaluation.estimate.team, evaluation.dead_reckoning.team
         if team is None:
-            table.add_row(log, evaluation.align, *["-"] * 5)
+            table.add_row(Text(printable(log)), evaluation.align, *["-"] * 5)
         else:
             table.add_row(
                 log,

@@ -81,14 +81,16 @@ def _offset(cause: Cause) -> str:
     whose = {0: "all ranges", 1: "the ranges of {}", 2: "the ranges {}-{}"}[len(cause.who)]
     return (
         f"{whose.format(*cause.who)} are {abs(cause.value):.2f} m too "
-        f"{'long' if cause.value > 0.0 else 'short'}: calibrate their offset (--calibration)"
+        f"{'long' if cause.value > 0.0 else 'short'}: calibrate their offset by so "
+        "much more (--calibration, or `offset` in the streams file)"
     )
 
 
 def _gain(cause: Cause) -> str:
     return (
         f"all ranges are {100.0 * abs(cause.value):.1f} % too "
-        f"{'long' if cause.value > 0.0 else 'short'}: calibrate their gain (--calibration)"
+        f"{'long' if cause.value > 0.0 else 'short'}: calibrate their gain by so "
+        "much more (--calibration, or `gain` in the streams file)"
     )
 
 

@@ -117,9 +117,13 @@ def turn_about(x: Floats, space: Space, d: int, free: Free, out: Floats) -> bool
 
 @lean
 def world_directions(
-    x: Floats, space: Space, ranges: RangeTable, first: int, last: int, out: Floats
-) -> int:
-    """What the ranges first .. last - 1 do not tell of poses in the world; rows of `out`."""
+    x: Floats, space: Space, ranges: RangeTable, first: int, last: int, segments: Segments,
+    free: Free, out: Floats,
+) -> int:  # fmt: skip
+    """What the ranges first .. last - 1 do not tell of poses in the world; rows of `out`.
+
+    The heading of a static robot is but a convention: it stays, and its antenna turns.
+    """
     fixed, cx, cy = 0, 0.0, 0.0
     for m in range(first, last):
         for end in (ranges.a[m], ranges.b[m]):
@@ -133,7 +137,14 @@ def world_directions(
         X, Y, T = 3 * i, 3 * i + 1, 3 * i + 2
         if fixed == 0:
             out[0, X] = out[1, Y] = 1.0
-        out[row, X], out[row, Y], out[row, T] = cy - x[Y], x[X] - cx, 1.0
+        d = space.who[i]
+        if segments.first[d] == segments.first[d + 1]:
+            lx, ly = free.antenna[d, 0], free.antenna[d, 1]
+            c, s = math.cos(x[T]), math.sin(x[T])
+            out[row, X] = cy - x[Y] - s * lx - c * ly
+            out[row, Y] = x[X] + c * lx - s * ly - cx
+        else:
+            out[row, X], out[row, Y], out[row, T] = cy - x[Y], x[X] - cx, 1.0
     return row + 1
 
 
@@ -150,7 +161,7 @@ def directions(
     if free.active == 0:
         return 0
     if space.base[0] == WORLD:
-        return world_directions(x, space, ranges, first, last, out)
+        return world_directions(x, space, ranges, first, last, segments, free, out)
     count = 0
     for d in range(cursor.size):
         if count < MOST and still(segments, cursor, d, free):

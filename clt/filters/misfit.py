@@ -273,5 +273,7 @@ def harmful(cause: Cause, problem: Problem) -> bool:
         "scale": 0.03,
         "turn scale": 0.05,
         "bias": 0.02,
+        "range noise": 1.5,
+        "odometry noise": 1.5,
     }
     return abs(cause.value) >= least.get(cause.kind, 0.0)

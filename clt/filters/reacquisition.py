@@ -137,7 +137,7 @@ def best_of(
 ) -> Replayed:
     """The best of rivals that differ in heading; each lost block may have that of another one."""
     own = np.array([(ranges.a == i) | (ranges.b == i) for i in lost], np.float64)
-    scores = np.array([own @ rival.evidence for rival in rivals])
+    scores = np.array([np.where(own > 0.0, rival.evidence, 0.0).sum(axis=1) for rival in rivals])
     chosen = np.argmax(scores, axis=0)
     candidates = list(rivals)
     if np.any(chosen != chosen[0]):

@@ -17,6 +17,7 @@ import numpy as np
 from clt.errors import CltError
 from clt.filters.arrivals import epochs, feed, weighed_on_arrival
 from clt.filters.choices import View
+from clt.filters.free import wanted
 from clt.filters.gaussian import solve_ekf
 from clt.filters.heard import Driver, driver
 from clt.filters.inputs import RangeTable, correlation_time
@@ -25,7 +26,14 @@ from clt.filters.problem import ABSOLUTE, Problem, cast_of, lay_out, tied
 from clt.filters.retrace import UNJUDGED, Replay, all_blocks, solve
 from clt.filters.settings import FilterSettings, Noise
 from clt.filters.space import WORLD
-from clt.filters.world import SHI, Estimator, posterior_of, trajectories
+from clt.filters.world import (
+    ALONE,
+    SHI,
+    Estimator,
+    posterior_of,
+    swayed_robots,
+    trajectories,
+)
 from clt.init.start import Start
 from clt.streams import Poses, Recording, Stamps
 
@@ -39,7 +47,7 @@ def replay(
     be estimated.
     """
     case, late = lay_out_arrivals(recording, start, settings, estimator.view)
-    settings = with_jacobians(settings, recording, start, case.problem)
+    settings = with_jacobians(settings, case.problem)
     solution = solve(case, settings, estimator.run)
     judged = solution.verdict != UNJUDGED
     problem = replace(
@@ -51,7 +59,13 @@ def replay(
         name: getattr(solution, name)[judged] for name in ("residual", "variance", "verdict")
     }
     solution = replace(solution, **columns)
-    return posterior_of(recording, problem, solution, settings, estimator.filter)
+    posterior = posterior_of(recording, problem, solution, settings, estimator.filter)
+    whole = lay_out(recording, start, settings, estimator.view)
+    alone = ALONE.get(estimator.filter)
+    doubt = (
+        () if alone is None else swayed_robots(whole, alone(whole, settings), settings, estimator)
+    )
+    return replace(posterior, left_out=(*posterior.left_out, *doubt))
 
 
 def dead_reckon(
@@ -118,18 +132,15 @@ def in_time(
     return weighed_on_arrival(table, log_time, pair, tau), log_time, int(np.sum(~use))
 
 
-def with_jacobians(
-    settings: FilterSettings, recording: Recording, start: Start, problem: Problem
-) -> FilterSettings:
-    """The settings with `jacobians` decided for all of a run by the fixed robots that there are.
+def with_jacobians(settings: FilterSettings, problem: Problem) -> FilterSettings:
+    """The settings with `jacobians` decided for all of a run by the ranges of all of it.
 
     Single steps cannot tell: they see the ranges of a moment.
     """
     if settings.jacobians != "auto" or np.any(problem.space.base != WORLD):
         return settings
-    names = {robot.name for robot in recording.team.static} - set(problem.robots)
-    fixed = names & set(start.poses)
-    return settings.model_copy(update={"jacobians": "first" if len(fixed) < 2 else "latest"})
+    hold = wanted(problem, settings)
+    return settings.model_copy(update={"jacobians": "first" if hold else "latest"})
 
 
 def doubts(case: Replay, late: int) -> list[str]:

@@ -149,7 +149,7 @@ def halve(x: Floats, first: int, last: int, numbers: int, cells: Cells) -> int:
         variance = aa / low - a * a + bb / (n - low) - b * b
         ratio = (b - a) ** 2 / max(variance, 1e-300)
         limit += 0.5 * (a + b)
-    if ratio < APART and min(low, n - low) < CELL:
+    if ratio < APART and min(low, n - low) < max(CELL, FEWEST * (x.shape[1] + 1)):
         return first
     return partition(x, r, limit, first, last, order)
 

@@ -34,7 +34,7 @@ class Noise(Settings):
     scale: NotNegative = 0.0
     """How far off each robot's v may be throughout, as a share of it; beyond 0 it is estimated."""
     scale_omega: NotNegative | None = None
-    """The same of omega; None: as `scale`."""
+    """How far off each robot's omega may be throughout, as a share of it; None: as `scale`."""
     bias: NotNegative = 0.0
     """How far off each robot's omega may be throughout, rad/s; beyond 0 it is estimated."""
     correlation_time: NotNegative | None = None

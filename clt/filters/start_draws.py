@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from clt.filters.evidence import log_densities
+from clt.filters.inputs import Outputs, RangeTable
 from clt.filters.prior import Belief
 from clt.filters.problem import Problem
 from clt.filters.solution import Solution
@@ -33,6 +34,8 @@ state, as for any other start) say nothing: the ranges refute them. Where they a
 so many, they refute the given one."""
 REFUTED = 1.0
 """Of the same mean, where the given start is refuted."""
+LOOKED = 30_000_000_000
+"""How much of a log is run with each, ns."""
 SURE = 1e-9
 """Variance of what is known for certain."""
 
@@ -47,6 +50,7 @@ def swayed(
     blocks = len(problem.robots)
     if not np.any(wide(problem)) or problem.outputs.stamp.size == 0:
         return ()
+    problem, solution = beginning(problem, solution)
     P = problem.covariance
     values, vectors = np.linalg.eigh(P)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -69,6 +73,28 @@ def swayed(
     return tuple(name for name, one in zip(problem.robots, found, strict=True) if one)
 
 
+def beginning(problem: Problem, solution: Solution) -> tuple[Problem, Solution]:
+    """The first LOOKED seconds of a problem and of its solution."""
+    end = min(problem.start + LOOKED, problem.end)
+    m, o = (
+        int(np.searchsorted(table.stamp, end, "right"))
+        for table in (problem.ranges, problem.outputs)
+    )
+    part = replace(
+        problem,
+        ranges=RangeTable._make(column[:m] for column in problem.ranges),
+        outputs=Outputs._make(column[:o] for column in problem.outputs),
+        end=end,
+    )
+    return part, replace(
+        solution,
+        mean=solution.mean[:o],
+        covariance=solution.covariance[:o],
+        residual=solution.residual[:m],
+        variance=solution.variance[:m],
+    )
+
+
 def wide(problem: Problem) -> list[bool]:
     """Which blocks (B,) start too uncertain for their ranges to be linear over them."""
     found = []
@@ -83,7 +109,9 @@ def wide(problem: Problem) -> list[bool]:
         most = float(np.linalg.eigvalsh(place)[-1])
         distance = max(float(ranges.range[first]), 1e-3)
         bend = 0.5 * most / distance
-        turned = problem.segments.first[-1] > 0 and P[3 * i + 2, 3 * i + 2] > TURNED**2
+        drives = [d for d in (problem.space.who[i], problem.space.base[i]) if d >= 0]
+        moves = any(problem.segments.first[d] < problem.segments.first[d + 1] for d in drives)
+        turned = moves and P[3 * i + 2, 3 * i + 2] > TURNED**2
         found.append(bool(turned or bend > CURVED * float(np.sqrt(ranges.variance[first]))))
     return found
 

@@ -98,15 +98,14 @@ def trajectories(problem: Problem, solution: Solution) -> dict[str, Poses]:
 
 def told(problem: Problem, block: int, covariance: Floats) -> Floats:
     """Covariances (n, 3, 3) of a block, without what a filter makes of a heading nobody knows."""
-    prior, heading = problem.prior, 3 * block + 2
-    unknown = prior is not None and prior.who[block] in prior.places
-    held = standing_block(problem, block) and problem.covariance[heading, heading] == 0.0
-    if not (unknown or held):
+    prior = problem.prior
+    if not (
+        standing_block(problem, block) or (prior is not None and prior.who[block] in prior.places)
+    ):
         return covariance
     P = covariance.copy()
     P[:, 2, :] = P[:, :, 2] = 0.0
-    if unknown:
-        P[:, 2, 2] = ANY_HEADING**2
+    P[:, 2, 2] = ANY_HEADING**2
     return P
 
 

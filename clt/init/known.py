@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from clt.errors import CltError
 from clt.filters.settings import FilterSettings
 from clt.geometry import rotation, wrap
 from clt.init.pair_team import from_pairwise, pairwise_begin
@@ -19,6 +20,9 @@ from clt.init.status import Initialization
 from clt.init.truth import MAX_GAP, static_pose, truth_frame, with_heading
 from clt.metrics.associate import interpolate
 from clt.streams import Recording
+
+SOON = 1_000_000_000
+"""Odometry alone carries given poses no longer than this, ns."""
 
 
 def references(
@@ -80,9 +84,16 @@ def completed(recording: Recording, start: Start, settings: FilterSettings) -> I
     Raises CltError where no two robots have ranges that could place another.
     """
     begin = max(pairwise_begin(recording), start.stamp)
+    if begin - start.stamp > SOON:
+        late = (begin - start.stamp) * 1e-9
+        raise CltError(
+            f"the odometry of one begins {late:.1f} s after the given poses: give all, or begin "
+            "there (--from)"
+        )
     given = {
         name: moved(recording, name, pose, (start.stamp, begin))
         for name, pose in start.poses.items()
+        if name in recording.odometry or recording.team.robots[recording.team.index(name)].static
     }
     return from_pairwise(recording, settings, given=given, begin=begin)
 

@@ -221,17 +221,18 @@ def _fit(problem: _Problem, start: Floats, robust: bool = False) -> tuple[Floats
     if not problem.free.any():
         return np.empty(0), float(np.sum(problem.residual(np.empty(0)) ** 2))
     tolerance = 1e-6 if robust else 1e-12
-    found = least_squares(
-        problem.residual,
-        start[problem.free],
-        jac=problem.jacobian,
-        loss="cauchy" if robust else "linear",
-        f_scale=2.0 if robust else 1.0,
-        x_scale="jac" if robust else 1.0,
-        xtol=tolerance,
-        ftol=tolerance,
-        gtol=tolerance,
-    )
+    with np.errstate(divide="ignore", invalid="ignore"):  # where a coordinate is free to move
+        found = least_squares(
+            problem.residual,
+            start[problem.free],
+            jac=problem.jacobian,
+            loss="cauchy" if robust else "linear",
+            f_scale=2.0 if robust else 1.0,
+            x_scale="jac" if robust else 1.0,
+            xtol=tolerance,
+            ftol=tolerance,
+            gtol=tolerance,
+        )
     return np.asarray(found.x), 2.0 * float(found.cost)
 
 

@@ -65,5 +65,10 @@ def _status(layout: Layout, i: int, axis: tuple[Floats, Floats] | None) -> Robot
         for one in (first, *layout.others)
     ]
     if axis is not None:
-        places += [replace(p, position=mirrored(p.position, *axis)) for p in places]
+        along = (axis[1] - axis[0]) / np.hypot(*(axis[1] - axis[0]))
+        flip = 2.0 * np.outer(along, along) - np.eye(2)
+        places += [
+            replace(p, position=mirrored(p.position, *axis), covariance=flip @ p.covariance @ flip)
+            for p in places
+        ]
     return one_of(places, PART if len(layout.others) > 0 else BESIDE)

@@ -58,7 +58,7 @@ def draft(topics: Mapping[str, Topic], guesses: Sequence[Guess], truth: Mapping[
 
 def quoted(text: str) -> str:
     """A TOML string."""
-    return json.dumps(text, ensure_ascii=True).replace("\x7f", "\\u007f")
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def shown(text: str) -> str:

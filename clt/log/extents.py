@@ -37,11 +37,9 @@ def shifted(recording: Recording) -> dict[str, float]:
     for i in odd.tolist():
         if np.min(np.abs(off[i])) >= OFF and abs(off[i, 0] - off[i, 1]) <= SAME:
             seen = seen_by_others(recording, recording.team.index(names[i]))
-            if seen.size == 0:
-                right = len(names) > 2
-            else:
-                right = bool(np.all(np.abs(span(seen) - usual[i]) < np.abs(span(seen) - ends[i])))
-            if right:
+            if seen.size > 0 and np.all(
+                np.abs(span(seen) - usual[i]) < np.abs(span(seen) - ends[i])
+            ):
                 found[names[i]] = float(np.mean(off[i]))
     return found if len(found) == 0 or recorded_by_stamp(recording) else {}
 

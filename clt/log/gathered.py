@@ -124,6 +124,8 @@ class Gathered:
     _raw: Buffer = field(default_factory=Buffer)
     _waiting: Buffer = field(default_factory=Buffer)
     _topics: dict[str, Columns] = field(default_factory=dict)
+    _planned: set[str] = field(default_factory=set)
+    """Topics that have a channel: the plan of their first one holds."""
     _whole: Messages = NONE
     _rows: list[Indices] = field(default_factory=list)
     """Rows of each channel in `_whole`, once packed."""
@@ -137,8 +139,10 @@ class Gathered:
         """
         number = len(self.counts)
         self.counts.append(0)
-        if keep and plan is not None and topic not in self._topics:
-            self._topics[topic] = Columns(plan[0], tuple(plan[1]))
+        if keep and topic not in self._planned:
+            self._planned.add(topic)
+            if plan is not None:
+                self._topics[topic] = Columns(plan[0], tuple(plan[1]))
         columns = self._topics.get(topic)
         if keep and columns is not None:
             columns.numbers.append(number)

@@ -42,6 +42,8 @@ PIECES = {
 """What fixed fields a record begins with, in bytes, and how many texts or tables follow."""
 PIECE = 1 << 20
 """No text or table of such a record is longer, bytes."""
+SLICE = 1 << 16
+"""Bytes that are searched at once: what is passed over is paid for, and signals are heard."""
 CANDIDATE = re.compile(rb"(?=[\x01-\x0f][\x00-\xff]{4}\x00{4})|(?=\x89MCAP0\r\n)")
 CHAIN = 3
 """As many records in a row must look like one."""
@@ -133,15 +135,17 @@ def resync(source: Source, effort: Effort) -> bool:
     """Pass over bytes up to the next sound record; False where there is none."""
     while effort.left > 0:
         window, base = source.window, source.start
-        effort.left -= len(window) - base
-        for match in CANDIDATE.finditer(window, base):
-            offset = match.start() - base
-            effort.left -= 16
+        for begin in range(base, len(window), SLICE):
+            effort.left -= SLICE
+            for match in CANDIDATE.finditer(window, begin, begin + SLICE + HEAD.size):
+                effort.left -= 16
+                if effort.left <= 0:
+                    break
+                if sound(source, match.start() - base, effort):
+                    source.skip(match.start() - base)
+                    return True
             if effort.left <= 0:
                 break
-            if sound(source, offset, effort):
-                source.skip(offset)
-                return True
         source.skip(max(len(window) - base - HEAD.size + 1, 0))
         before = source.window
         if not source.fill(2 * HEAD.size) and source.window is before:

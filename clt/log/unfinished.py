@@ -26,12 +26,14 @@ def unfinished(target: Path) -> Iterator[Path]:
 
     Raises CltError naming `target` where there can be no such file.
     """
-    beside = target.resolve()
-    sweep(beside)
     try:
+        beside = target.resolve()
+        sweep(beside)
         path, file = _create(beside)
     except OSError as error:
         raise CltError(f"{target}: {error.strerror or error}") from error
+    except RuntimeError:
+        raise CltError(f"{target}: its symbolic links go round in a circle") from None
     try:
         yield path
     finally:

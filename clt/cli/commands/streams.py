@@ -32,7 +32,7 @@ def streams(
     inputs.check(output, force)
     drafted = draft_for(log)
     with inputs.report(output, force) as file:
-        if as_json and output in {None, STDOUT}:
+        if as_json:
             guesses = {one.topic: one.about for one in drafted.guesses}
             document = {
                 "log": drafted.log,
