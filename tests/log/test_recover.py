@@ -9,6 +9,7 @@ from io import BytesIO
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from clt.errors import CltError
 from clt.log import output as target
@@ -206,3 +207,25 @@ def test_a_target_on_a_file_system_without_links(tmp_path, monkeypatch):
         file.write(b"mine")
         other.write_bytes(b"other")
     assert other.read_bytes() == b"other"
+
+
+def test_many_wrong_lengths_in_a_log_without_chunks_cost_a_message_or_two_each(tmp_path):
+    """What each search passes over is little, however much lies behind it."""
+    file = BytesIO()
+    writer = Writer(file, use_chunking=False)
+    writer.start("ros2", "test")
+    schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data\n")
+    channel = writer.register_channel("/a", "cdr", schema)
+    rng = np.random.default_rng(3)
+    count, flips = 20_000, 40
+    for k in range(count):
+        writer.add_message(channel, k, bytes([0, 1, 0, 0]) + rng.bytes(160), k)
+    writer.finish()
+    data = bytearray(file.getvalue())
+    size = 9 + 22 + 164
+    first = data.index(bytes([5]) + (22 + 164).to_bytes(8, "little"))
+    for place in rng.choice(count, flips, replace=False).tolist():
+        data[first + place * size + 1 + int(rng.integers(3))] ^= 1 << int(rng.integers(8))
+    out, _ = salvaged(tmp_path, data)
+    kept = sum(1 for _ in make_reader(BytesIO(out)).iter_messages())
+    assert count - 2 * flips <= kept <= count
