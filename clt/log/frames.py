@@ -26,7 +26,7 @@ from clt.log.records import (
     Metadata,
     Schema,
 )
-from clt.log.resync import LEAST, Effort, at, looks_right, resync, true_length
+from clt.log.resync import LEAST, Effort, at, looks_right, own_length, resync, true_length
 from clt.log.source import Source
 from clt.log.table import Bytes, Messages, find, table, walk_records
 from clt.streams import Indices
@@ -99,7 +99,7 @@ class Frames:
             if opcode != records.MESSAGE_INDEX:
                 yield from self._contents()
             if opcode == records.MESSAGE and claimed <= LIMIT and source.fill(HEAD.size + claimed):
-                yield from self._loose()
+                yield from () if self._index_in_truth(claimed) else self._loose()
                 continue
             length = self._length(opcode, claimed)
             if length is None:
@@ -115,6 +115,20 @@ class Frames:
         yield from self._contents()
         if not self.complete:
             self._cut(*(start, head) if self._torn is None else (self._torn, b"?"))
+
+    def _index_in_truth(self, claimed: int) -> bool:
+        """Pass over the next record, a message by its opcode, if it is one more index of a chunk.
+
+        Whether it is.
+        """
+        source = self._source
+        own = own_length(source, 0, records.MESSAGE_INDEX)
+        if not self._indexed or claimed % 16 != 6 or own != claimed:
+            return False
+        text = "a message index is called a message; mended"
+        self._faults.add("record", f"byte {source.position}", text)
+        source.skip(HEAD.size + claimed)
+        return True
 
     def _length(self, opcode: int, claimed: int) -> int | None:
         """The length of the next record; None where nothing speaks for the claim."""

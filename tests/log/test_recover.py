@@ -229,3 +229,13 @@ def test_many_wrong_lengths_in_a_log_without_chunks_cost_a_message_or_two_each(t
     out, _ = salvaged(tmp_path, data)
     kept = sum(1 for _ in make_reader(BytesIO(out)).iter_messages())
     assert count - 2 * flips <= kept <= count
+
+
+def test_an_index_whose_opcode_became_that_of_a_message_is_no_message(tmp_path):
+    data, _ = LOGS["ours"]
+    for at in [at for at, opcode, _ in records(data) if opcode == 7]:
+        flipped = bytearray(data)
+        flipped[at] = 5
+        out, saved = salvaged(tmp_path, flipped)
+        assert contents(out) == contents(data), at
+        assert len(saved.faults) > 0, at
