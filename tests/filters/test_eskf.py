@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 from clt.filters import eskf, filterpy_ekf, world
 from clt.filters.eskf import REJECTED, USED
-from clt.filters.gaussian import first_estimates, solve_eskf
+from clt.filters.gaussian import solve_eskf
 from clt.filters.problem import lay_out
 from clt.filters.ranging import predict_range
 from clt.filters.settings import FilterSettings
@@ -69,7 +69,7 @@ def test_equals_filterpy(case, options):
     chosen = FilterSettings(**options)
     problem = laid_out(team_recording(seed=4, seconds=8.0, **case), chosen)
     ours = solve_eskf(problem, chosen)
-    theirs = filterpy_ekf.solve_ekf(problem, chosen, first=first_estimates(problem, chosen))
+    theirs = filterpy_ekf.solve_ekf(problem, chosen)
     np.testing.assert_array_equal(ours.verdict, theirs.verdict)
     for name in ("mean", "covariance", "residual", "variance"):
         np.testing.assert_allclose(
