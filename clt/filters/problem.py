@@ -329,7 +329,8 @@ def output_times(cast: Cast, stamps: Mapping[str, Stamps], start: int) -> Output
         parts = np.clip(-(-np.diff(own) // OUTPUT_STEP), 1, MOST_PARTS)
         step = np.repeat(np.arange(parts.size), parts)
         part = np.arange(step.size) - np.repeat(np.cumsum(parts) - parts, parts) + 1
-        between = own[step] + (own[step + 1] - own[step]) * part // parts[step]
+        whole, rest = np.divmod(np.diff(own)[step], parts[step])
+        between = own[step] + whole * part + rest * part // parts[step]
         wanted.append(np.append(start, between))
     stamp = np.concatenate(wanted).astype(np.int64)
     block = np.repeat(np.arange(len(wanted)), [part.size for part in wanted])
