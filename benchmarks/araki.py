@@ -22,8 +22,8 @@ import numpy as np
 from relative import RelativeScore, bound, relative_start, score_bound, score_estimate
 
 from clt.filters import world
+from clt.filters.choices import View
 from clt.filters.settings import FilterSettings
-from clt.filters.space import View
 from clt.sim.scenario import Scenario, load_scenario
 from clt.sim.simulate import exact, simulate
 from clt.streams import Recording

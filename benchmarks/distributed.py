@@ -22,8 +22,8 @@ from distributed_figures import draw_costs, draw_errors
 from relative import relative_start, relative_truth
 
 from clt.filters import world
+from clt.filters.choices import View
 from clt.filters.settings import FilterSettings
-from clt.filters.space import View
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
 from clt.streams import Floats, Poses, Recording

@@ -20,8 +20,8 @@ import numpy as np
 from relative import relative_start, relative_truth
 
 from clt.filters import received, world
+from clt.filters.choices import View
 from clt.filters.settings import FilterSettings
-from clt.filters.space import View
 from clt.init.start import Start
 from clt.metrics.associate import interpolate
 from clt.sim.scenario import load_scenario

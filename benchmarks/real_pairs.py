@@ -18,8 +18,8 @@ import numpy as np
 from report import publish
 
 from clt.calibration import apply, read_calibration
+from clt.filters.choices import View
 from clt.filters.settings import FilterSettings
-from clt.filters.space import View
 from clt.filters.world import Estimator, dead_reckon
 from clt.geometry import relative_pose, wrap
 from clt.importers import FORMATS

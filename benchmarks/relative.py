@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.filters import world
+from clt.filters.choices import View
 from clt.filters.posterior import Posterior
 from clt.filters.settings import FilterSettings
-from clt.filters.space import View
 from clt.geometry import relative_pose, wrap
 from clt.init.start import InitialPose, Start
 from clt.init.truth import from_truth

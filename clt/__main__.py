@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from clt.cli.app import main
+from clt.cli.entry import main
 
 if __name__ == "__main__":
     main()

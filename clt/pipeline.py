@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from clt.filters import received, world
+from clt.filters.finite import finite_poses, only_finite
+from clt.filters.noise_used import noise_used
 from clt.filters.posterior import Posterior
-from clt.filters.prior import sound
 from clt.filters.settings import FilterSettings
 from clt.filters.world import SHI, Estimator
 from clt.init.start import InitialPose, Start
-from clt.streams import Poses, Recording, Robot, Team, no_frames, no_ranges
+from clt.streams import Recording, Robot, Team, no_frames, no_ranges
 
 
 @dataclass(frozen=True)
@@ -23,6 +25,8 @@ class Result:
     posterior: Posterior
     recording: Recording
     """What a result log holds: truth, estimates, dead reckoning, innovations, the team."""
+    noise: Mapping[str, object]
+    """What the filter believed of the sensors, see `noise_used`."""
 
 
 def estimate(
@@ -43,6 +47,7 @@ def estimate(
     else:
         posterior = world.localize(recording, start, settings, estimator)
         baseline = world.dead_reckon(recording, start, settings, estimator.view)
+    posterior = only_finite(posterior)
     moving = set(recording.odometry) if estimator.view.kind == "world" else set(baseline)
     result = replace(
         recording,
@@ -50,11 +55,16 @@ def estimate(
         odometry={},
         ranges=no_ranges(),
         frames=no_frames(),
-        estimate=finite(posterior),
-        dead_reckoning={name: baseline[name] for name in finite(posterior) if name in moving},
+        estimate=posterior.poses,
+        dead_reckoning={
+            name: reckoned
+            for name in posterior.poses
+            if name in moving and (reckoned := finite_poses(baseline[name])[0]).stamp.size > 0
+        },
         innovations=posterior.innovations,
     )
-    return Result(start, posterior, result)
+    bodies = {*posterior.robots, *estimator.view.names}
+    return Result(start, posterior, result, noise_used(recording, settings.noise, bodies))
 
 
 def placed(team: Team, start: Start) -> tuple[Robot, ...]:
@@ -70,17 +80,3 @@ def placed(team: Team, start: Start) -> tuple[Robot, ...]:
 def certain(pose: InitialPose) -> bool:
     """Whether a pose has no uncertainty at all."""
     return not np.any(pose.covariance)
-
-
-def finite(posterior: Posterior) -> dict[str, Poses]:
-    """The trajectories that hold numbers throughout; a result log never holds NaN.
-
-    Nor a variance below zero, as rounding leaves where all certainty was lost.
-    """
-    return {
-        name: poses
-        for name, poses in posterior.poses.items()
-        if all(np.isfinite(column).all() for column in (poses.x, poses.y, poses.heading))
-        and poses.covariance is not None
-        and sound(poses.covariance)
-    }

@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from clt.document import Document
 from clt.errors import UsageError
+from clt.validation import describe, short
 
 PREFIX = "CLT_"
 
@@ -36,7 +37,7 @@ def read_toml(source: Path | Document) -> dict[str, Any]:
     document = source if isinstance(source, Document) else Document.read(source)
     try:
         return tomllib.loads(document.data.decode())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:  # of TOML, of UTF-8, or of a number with thousands of digits
         raise UsageError(f"{source}: not valid TOML: {error}") from None
     except RecursionError:
         raise UsageError(f"{source}: nested too deeply") from None
@@ -48,16 +49,17 @@ def assign(tree: dict[str, Any], key: str, value: Any) -> None:
     for name in tables:
         tree = tree.setdefault(name, {})
         if not isinstance(tree, dict):
-            raise UsageError(f"{key}: {name} is not a table")
+            raise UsageError(f"{short(key)}: {short(name)} is not a table")
     tree[leaf] = value
 
 
 def literal(text: str) -> Any:
     """The TOML value that `text` spells, else `text` itself: 3, 0.1, true, [1, 2], word."""
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        table = tomllib.loads(f"value = {text}")
+    except ValueError:  # no TOML, or a number of thousands of digits
         return text
+    return table["value"] if len(table) == 1 else text
 
 
 def assignments(options: Iterable[str]) -> dict[str, Any]:
@@ -66,11 +68,11 @@ def assignments(options: Iterable[str]) -> dict[str, Any]:
     for option in options:
         key, sign, text = option.partition("=")
         if sign == "" or key.strip() == "":
-            raise UsageError(f"--set {option}: expected KEY=VALUE, e.g. --set duration=60")
+            raise UsageError(f"--set {short(option)}: expected KEY=VALUE, e.g. --set duration=60")
         try:
             pairs[key.strip()] = literal(text.strip())
         except RecursionError:
-            raise UsageError(f"--set {key.strip()}: nested too deeply") from None
+            raise UsageError(f"--set {short(key.strip())}: nested too deeply") from None
     return pairs
 
 
@@ -142,14 +144,16 @@ def parse(model: type[S], data: Mapping[str, Any], source: str) -> S:
         table, keys = _place(model, fault["loc"])
         place = ".".join(keys)
         if fault["type"] == "extra_forbidden":
-            key = str(fault["loc"][-1])
+            key = short(str(fault["loc"][-1]))
             place = ".".join([*keys, key])
             hint = nearest(key, table.model_fields)
             raise UsageError(f"{source}: unknown key `{place}`{hint}") from None
         if fault["type"] == "union_tag_not_found":
             key = fault["ctx"]["discriminator"].strip("'")
             raise UsageError(f"{source}: `{place}.{key}` is missing") from None
-        text = " ".join(fault["msg"].removeprefix("Value error, ").split())
+        text = describe(fault)
+        if fault["type"] == "missing" and isinstance(fault["loc"][-1], int):
+            place, text = ".".join(keys[:-1]), f"needs {fault['loc'][-1] + 1} values at least"
         where = f"`{place}`: " if place != "" else ""
         raise UsageError(f"{source}: {where}{text}") from None
 

@@ -31,7 +31,7 @@ class Robot:
     static: bool = False
     """It stands still for the whole log and serves as an anchor."""
     position: tuple[float, float] | None = None
-    """Known position of a static robot in `world`, m."""
+    """Known position of a static robot in the `frame` of the team, m."""
     antenna: tuple[float, float] = (0.0, 0.0)
     """UWB antenna in the body frame, m."""
     twist: Twist = "mean"
@@ -69,6 +69,8 @@ class Team:
     """Correlation time of the error of one pair's ranges, s; 0: independent."""
     communication: Communication | None = None
     """How the robots talk to each other, where the log tells."""
+    frame: str = WORLD
+    """Id of the frame in which known positions are given."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -191,6 +193,10 @@ class Fault:
     """One line for people: what, where, and what was done about it."""
     data_lost: bool = False
     """Part of the data was unusable: the command ends with exit code 3."""
+    subject: str = ""
+    """Whose it is, where that is known apart from the text: names of robots."""
+    values: Mapping[str, float] = field(default_factory=dict)
+    """Where it lies and how large it is, by names that end in the unit."""
 
 
 @dataclass(frozen=True)

@@ -319,12 +319,12 @@ CASES = {
             "info": (0, ""),
             "localize": (1, "no ground truth"),
             "evaluate": (1, "ground truth"),
-            "plot": (1, "ground truth"),
+            "plot": (0, ""),
         },
     ),
     "no estimate": (
         dropped("/R1/estimate"),
-        {"evaluate": (1, "no estimates"), "plot": (1, "no estimates")},
+        {"evaluate": (1, "no estimates"), "plot": (0, "")},
     ),
     "only NaN": (
         only_nan,
@@ -348,7 +348,8 @@ CASES = {
     "far ranges": (constant_ranges(1e11), {"localize": (3, "R1 has diverged")}),
     "far stamp": (
         far,
-        dict.fromkeys(("info", "evaluate", "plot"), (0, "")) | {"localize": (0, "gaps")},
+        dict.fromkeys(("evaluate", "plot"), (0, ""))
+        | {"info": (3, "no data for"), "localize": (3, "only the part with the most messages")},
     ),
     "one instant": (
         at_once,

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from clt.filters import world
+from clt.filters.finite import only_finite
 from clt.filters.settings import FilterSettings
 from clt.init.start import InitialPose
 from clt.init.truth import from_truth
 from clt.metrics.evaluate import evaluate
-from clt.pipeline import certain, estimate, finite, placed
+from clt.pipeline import certain, estimate, placed
 from clt.streams import Attachment
 from tests.filters.teams import team_recording
 
@@ -74,8 +75,25 @@ def test_a_trajectory_that_is_not_finite_never_reaches_a_log(recording, start, c
     broken = np.array(getattr(posterior.poses["R2"], column))
     broken[3] = value
     poses = {**posterior.poses, "R2": replace(posterior.poses["R2"], **{column: broken})}
-    assert set(finite(replace(posterior, poses=poses))) == {"R1", "R3"}
-    assert set(finite(posterior)) == {"R1", "R2", "R3"}
+    found = only_finite(replace(posterior, poses=poses))
+    assert set(found.poses) == {"R1", "R2", "R3"}
+    kept = np.delete(posterior.poses["R2"].stamp, 3)
+    np.testing.assert_array_equal(found.poses["R2"].stamp, kept)
+    assert np.isfinite(found.poses["R2"].covariance).all()
+    assert found.diverged == ("R2",)
+    assert any("1 of 101 estimates of R2 are no numbers" in line for line in found.left_out)
+    assert only_finite(posterior) == posterior
+
+
+def test_innovations_that_are_not_finite_never_reach_a_log(recording, start):
+    posterior = world.localize(recording, start, DEFAULTS)
+    broken = posterior.innovations.residual.copy()
+    broken[[2, 5]] = np.nan, 1e300
+    innovations = replace(posterior.innovations, residual=broken)
+    found = only_finite(replace(posterior, innovations=innovations))
+    assert found.innovations.stamp.size == broken.size - 2
+    assert np.abs(found.innovations.residual).max() < 1e12
+    assert any("2 of" in line and "innovations are no numbers" in line for line in found.left_out)
 
 
 def test_estimates_stand_in_the_frame_of_the_truth_they_started_from(recording):

@@ -7,20 +7,20 @@ imports only typer; it imports what it needs when it runs.
 from __future__ import annotations
 
 import functools
-import signal
 import sys
-from collections.abc import Callable
-from types import FrameType
+import warnings
+from collections.abc import Callable, Mapping
 from typing import Annotated
 
 import typer
 
 from clt import __version__
-from clt.cli.console import FAILED, INTERRUPTED, TERMINATED
+from clt.cli.console import FAILED, INTERRUPTED
 from clt.cli.environment import check_environment
 from clt.cli.lazy import Row, lazy_group
 from clt.cli.stdio import prepare
 from clt.errors import CltError
+from clt.printable import printable
 
 COMMANDS = {
     "demo": Row(
@@ -56,7 +56,15 @@ COMMANDS = {
         "clt.cli.range_log:range_log",
         "Turn the packets of a UWB broadcast network into ranges, as each robot would.",
     ),
+    "streams": Row(
+        "clt.cli.commands.streams:streams",
+        "Write a first streams.toml for a foreign log, guessed from its topics and types.",
+    ),
     "info": Row("clt.cli.info:info", "Tell robots, pairs, rates, gaps, truth and faults of a log."),
+    "settings": Row(
+        "clt.cli.commands.settings:settings",
+        "List every key of --set with type, unit, default and one line.",
+    ),
     "recover": Row(
         "clt.cli.recover:recover",
         "Copy everything sound of a damaged log into a sound one, and say what was lost.",
@@ -74,8 +82,11 @@ def guard(command: Callable[..., int]) -> Callable[..., None]:
             code = command(*args, **kwargs)
             sys.stdout.flush()
         except CltError as error:
-            print(f"clt: error: {error}", file=sys.stderr)
+            print(f"clt: error: {printable(str(error))}", file=sys.stderr)
             code = error.code
+        except MemoryError:
+            print(f"clt: error: {files(kwargs)}: memory ran out", file=sys.stderr)
+            code = FAILED
         except OSError as error:
             code = tell(error)
         except KeyboardInterrupt:
@@ -86,11 +97,19 @@ def guard(command: Callable[..., int]) -> Callable[..., None]:
     return run
 
 
+def files(arguments: Mapping[str, object]) -> str:
+    """The files that a command was given to read, as far as its arguments show."""
+    given = [arguments.get(name) for name in ("log", "logs", "source", "scenario", "path")]
+    flat = [one for item in given for one in (item if isinstance(item, list | tuple) else [item])]
+    return printable(", ".join(str(one) for one in flat if one is not None) or "clt")
+
+
 def tell(error: OSError) -> int:
     """Say what could not be read or written; a reader of our output that left needs no word."""
     if not isinstance(error, BrokenPipeError):
         place = f"{error.filename}: " if error.filename is not None else ""
-        print(f"clt: error: {place}{error.strerror or error}", file=sys.stderr)
+        text = printable(f"{place}{error.strerror or error}")
+        print(f"clt: error: {text}", file=sys.stderr)
     try:
         sys.stdout.flush()
     except OSError:
@@ -125,16 +144,19 @@ def root(
     """Where is every robot of a team, from ranges and wheel odometry alone."""
 
 
-def terminate(_signal: int, _frame: FrameType | None) -> None:
-    """Leave as Ctrl-C does, through every `finally`, so that no temporary file stays behind."""
-    raise SystemExit(TERMINATED)
-
-
-def main() -> None:
-    """Entry point of the `clt` program."""
-    signal.signal(signal.SIGTERM, terminate)
+def run() -> None:
+    """Run the program; `clt.cli.entry` handles signals before it imports this."""
     prepare()
+    if len(sys.warnoptions) == 0:
+        warnings.simplefilter("ignore")
     try:
         app()
     except OSError as error:  # of `clt --help` on a full disk
         sys.exit(tell(error))
+
+
+def main() -> None:
+    """Entry point of programs that an earlier version installed."""
+    from clt.cli.entry import main as start
+
+    start()

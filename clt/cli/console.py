@@ -6,10 +6,12 @@ import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from clt.printable import printable
+
 if TYPE_CHECKING:
     from clt.streams import Fault  # importing it for real would load numpy for `clt --help`
 
-DONE, FAILED, USAGE, PARTIAL, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 130, 143
+DONE, FAILED, USAGE, PARTIAL, INTERRUPTED = 0, 1, 2, 3, 130
 
 
 @dataclass
@@ -24,12 +26,12 @@ class Console:
     def say(self, text: str) -> None:
         """A line of progress or result for people, silent with -q."""
         if not self.quiet:
-            print(text, file=sys.stderr)
+            print(printable(text), file=sys.stderr)
 
     def detail(self, text: str) -> None:
         """A line only with -v."""
         if self.verbose:
-            print(text, file=sys.stderr)
+            print(printable(text), file=sys.stderr)
 
     def warn(self, text: str, partial: bool = False) -> None:
         """A warning; `partial` when data was unusable or an estimate is missing (exit code 3).
@@ -40,7 +42,7 @@ class Console:
         if partial:
             self.code = PARTIAL
         if not self.quiet or partial:
-            print(f"clt: warning: {text}", file=sys.stderr)
+            print(f"clt: warning: {printable(text)}", file=sys.stderr)
 
     def report(self, faults: tuple[Fault, ...]) -> None:
         """Say what is wrong with a log that was read."""

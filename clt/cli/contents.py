@@ -11,12 +11,15 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from clt.cli.topics import SHOWN as MOST
+from clt.cli.topics import guesses, table, unused
 from clt.log.load import LoadedLog
 from clt.log.summary import Rhythm, Summary
-from clt.streams import Recording
+from clt.printable import printable
+from clt.streams import WORLD, Recording
 
 SHOWN = 20
-"""Pairs and topics in the tables; the rest is in the JSON."""
+"""Pairs in the table; the rest is in the JSON."""
 ROLES = {
     "odometry": "odometry",
     "frames": "UWB packets",
@@ -35,15 +38,21 @@ def show(loaded: LoadedLog, summary: Summary, file: TextIO) -> None:
         console.width = 100
     recording = loaded.recording
     for line in heading(loaded, summary):
-        console.print(Text(line), soft_wrap=True)
+        console.print(Text(printable(line)), soft_wrap=True)
     if len(recording.team.robots) > 0:
         console.print(robots(recording, summary))
-    else:
-        console.print(topics(loaded))
     if len(summary.pairs) > 0:
         console.print(pairs(summary.pairs))
         if len(summary.pairs) > SHOWN:
             console.print(f"{len(summary.pairs) - SHOWN} more pairs: clt info --json\n")
+    rest = unused(loaded)
+    if len(rest) > 0:
+        about = guesses(loaded)
+        console.print(table(rest, about))
+        if len(about) > 0:
+            console.print("clt streams drafts a file for --streams that names these topics\n")
+        if len(rest) > MOST:
+            console.print(f"{len(rest) - MOST} more topics: clt info --json\n")
 
 
 def heading(loaded: LoadedLog, summary: Summary) -> list[str]:
@@ -86,6 +95,7 @@ def robots(recording: Recording, summary: Summary) -> Table:
         role = "moving"
         if robot.static and robot.position is not None:
             role = "static at ({:g}, {:g}) m".format(*robot.position)
+            role += f" in {recording.team.frame}" if recording.team.frame != WORLD else ""
         elif robot.static:
             role = "static, position unknown"
         cells = [cell(summary.streams[kind].get(robot.name)) for kind in present]
@@ -103,17 +113,6 @@ def pairs(found: Mapping[tuple[str, str], Rhythm]) -> Table:
         rate = "-" if one.rate is None else f"{one.rate:.1f}"
         longest = "-" if one.longest_gap is None else f"{one.longest_gap:.3g}"
         table.add_row(f"{source} -> {target}", str(one.count), rate, longest, str(one.gaps))
-    return table
-
-
-def topics(loaded: LoadedLog) -> Table:
-    """The topics of a log in which no robot was found."""
-    table = Table(box=SIMPLE_HEAD)
-    table.add_column("topic")
-    table.add_column("type")
-    table.add_column("messages", justify="right")
-    for topic in list(loaded.topics.values())[:SHOWN]:
-        table.add_row(Text(topic.name), Text(topic.type), str(topic.count))
     return table
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from clt.cli.options import Force, Json, Quiet, Report, Streams, Verbose
+from clt.cli.period import ALWAYS, From, Period, To
 
 if TYPE_CHECKING:
     from clt.cli.console import Console
@@ -50,12 +51,16 @@ def evaluate(
     ] = "1s",
     output: Report = None,
     streams: Streams = None,
+    since: From = None,
+    until: To = None,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> int:
     """Score estimates against the truth, dead reckoning beside them.
+
+    Of several logs there is a row each; with -v all tables.
 
     Examples:
       clt evaluate out.mcap
@@ -65,6 +70,8 @@ def evaluate(
 
     from clt.cli.console import FAILED, Console
     from clt.cli.inputs import Inputs
+    from clt.cli.numbers import without_nan
+    from clt.cli.period import period_of
     from clt.cli.scoreboard import board, show, summary
     from clt.errors import CltError, UsageError
     from clt.metrics.errors import parse_delta
@@ -74,6 +81,7 @@ def evaluate(
         if not 0.0 <= value <= LONGEST:
             raise UsageError(f"{option} {value:g}: give seconds, from 0 to {LONGEST:g}")
     options = EvaluateOptions(align, associate, max_gap, max_diff, parse_delta(delta))
+    period = period_of(since, until)
     if [str(log) for log in logs].count("-") > 1:
         raise UsageError("standard input can be read only once: give `-` once")
     console = Console(quiet, verbose)
@@ -85,7 +93,7 @@ def evaluate(
         out = board(file)
         for log in logs:
             try:
-                _, evaluation = score(log, inputs["streams"], options, console)
+                _, evaluation = score(log, inputs["streams"], options, console, period)
             except (CltError, OSError) as error:
                 if len(logs) == 1 or isinstance(error, UsageError):
                     raise
@@ -96,25 +104,30 @@ def evaluate(
                 continue
             found[str(log)] = evaluation
             objects.append(evaluation.as_dict(str(log)))
-            if not as_json:
+            if not as_json and (verbose or len(logs) == 1):
                 show(out, str(log), evaluation)
         if as_json:
             document = objects[0] if len(logs) == 1 else objects
-            print(json.dumps(document, allow_nan=False, indent=1), file=file)
-        elif len(found) > 1:
+            print(json.dumps(without_nan(document), allow_nan=False, indent=1), file=file)
+        elif len(logs) > 1 and len(found) > 0:
             summary(out, found)
     return FAILED if len(found) < len(objects) else console.code
 
 
 def score(
-    log: Path, streams: Document | None, options: EvaluateOptions, console: Console
+    log: Path,
+    streams: Document | None,
+    options: EvaluateOptions,
+    console: Console,
+    period: Period = ALWAYS,
 ) -> tuple[Recording, Evaluation]:
-    """Read and evaluate one log, and say what is wrong with it. Errors name the log."""
+    """Read and evaluate a period of one log, and say what is wrong with it. Errors name the log."""
+    from clt.cli.period import within
     from clt.errors import CltError
     from clt.log.load import load
     from clt.metrics.evaluate import evaluate as compare
 
-    recording = load(log, streams, WANTED).recording
+    recording = within(load(log, streams, WANTED), period)
     console.report(recording.faults)
     try:
         evaluation = compare(recording, options)

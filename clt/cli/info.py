@@ -25,9 +25,12 @@ def info(
     from clt.cli.console import Console
     from clt.cli.contents import show
     from clt.cli.inputs import Inputs
+    from clt.cli.memory import return_freed_memory
+    from clt.cli.topics import described, guesses
     from clt.log.load import load
     from clt.log.summary import as_dict, summarize
 
+    return_freed_memory()
     console = Console(quiet, verbose)
     inputs = Inputs.of(log, streams=streams)
     inputs.check(output, force)
@@ -36,7 +39,9 @@ def info(
     summary = summarize(loaded.recording)
     with inputs.report(output, force) as file:
         if as_json:
-            print(json.dumps(as_dict(loaded, summary), allow_nan=False, indent=1), file=file)
+            document = as_dict(loaded, summary)
+            document["topics"] = described(loaded.topics, loaded.used, guesses(loaded))
+            print(json.dumps(document, allow_nan=False, indent=1), file=file)
         else:
             show(loaded, summary, file)
     console.report(loaded.recording.faults)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from clt.cli.options import Force, Json, Log, Quiet, Set, Verbose
+from clt.cli.period import From, To
 
 if TYPE_CHECKING:
     from clt.init.status import Initialization, RobotStatus
@@ -21,7 +22,8 @@ UNSURE = """\
 # {name} is {status}: {why}. One pose stands here; `--init {method}` would follow all.
 """
 WIDENED = """\
-# As the filter will see the same ranges again, sigma is {factor:g} times the standard deviation.
+# sigma is {factor:g} times the standard deviation that `clt init` prints: the filter will see the
+# same ranges again, and would otherwise count what they tell twice.
 """
 
 
@@ -49,6 +51,8 @@ def init(
     streams: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Roles of a foreign log's topics (TOML).")
     ] = None,
+    since: From = None,
+    until: To = None,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -62,25 +66,30 @@ def init(
     """
     import json
 
-    from clt.calibration import apply, read_calibration
     from clt.cli.console import Console
-    from clt.cli.initial import METHODS, find
     from clt.cli.inputs import Inputs
     from clt.cli.localize import WANTED, choose, read_settings, require_data, with_ranges
+    from clt.cli.options import METHODS
+    from clt.cli.period import period_of, usable
     from clt.errors import UsageError
-    from clt.log.load import load
     from clt.log.output import STDOUT
 
     console = Console(quiet, verbose)
     choose("--method", method, METHODS)
     if as_json and output == STDOUT:
         raise UsageError("--json and -o - both want standard output; name a file")
+    period = period_of(since, until)
     inputs = Inputs.of(log, config=config, calibration=calibration, streams=streams)
     inputs.check(output, force)
     settings = read_settings(inputs["config"], sets)
+
+    # Slow to import: what stands above is refused at once.
+    from clt.calibration import apply, read_calibration
+    from clt.cli.initial import find
+    from clt.log.load import load
+
     loaded = load(log, inputs["streams"], WANTED)
-    console.report(loaded.recording.faults)
-    recording = with_ranges(loaded.recording, console)
+    recording = with_ranges(usable(loaded, period, console), console)
     if (given := inputs["calibration"]) is not None:
         recording = apply(recording, read_calibration(given))
     team = recording.team
@@ -124,7 +133,13 @@ def document(method: str, found: Initialization) -> dict[str, Any]:
                 for other in robot.alternatives
             ],
         }
-    return {"method": method, "frame": found.frame, "surveyed": found.surveyed, "robots": robots}
+    return {
+        "method": method,
+        "frame": found.frame,
+        "surveyed": found.surveyed,
+        "notes": [*found.notes, *found.assumed],
+        "robots": robots,
+    }
 
 
 def show(found: Initialization) -> None:

@@ -18,8 +18,6 @@ from clt.init.truth import from_truth
 from clt.settings import read_toml
 from clt.streams import Recording
 
-METHODS = ("auto", "motion", "pairwise", "truth")
-
 
 def find(
     recording: Recording,
@@ -30,7 +28,7 @@ def find(
     *,
     kept: bool = False,
 ) -> tuple[str, Initialization]:
-    """Initial poses by a method of METHODS, and the method that `auto` chose.
+    """Initial poses by one of `clt.cli.options.METHODS`, and the method that `auto` chose.
 
     `pairwise` tells them in the frame of the `ego`, else of the first moving robot; `auto` takes
     it in the frame of an ego with fewer than two static robots. Says which robots cannot be told;
@@ -51,17 +49,62 @@ def find(
         with announced(console):
             found = from_pairwise(recording, settings, ego)
         console.say(f"initial poses: from ranges between pairs, in the frame {found.frame}")
-        for note in found.notes:
-            console.warn(note)
+        notes(found, console)
         missing(found, console, kept=kept)
         return method, found
     if recorded is not None:
         console.say("initial poses: from the log's own record")
         return "record", as_given(recorded, recording.team, "initial pose in the record")
+    if method == "auto" and ego is None and len(recording.team.static) < 2:
+        from clt.init.known import from_references
+
+        with announced(console):
+            placed = from_references(recording, settings)
+        if placed is not None:
+            names, found = placed
+            console.say(
+                f"initial poses: from the ground truth of {', '.join(names)}, what is surveyed "
+                "and ranges between pairs"
+            )
+            notes(found, console)
+            missing(found, console)
+            return "pairwise", found
     with announced(console):
         found = from_motion(recording, settings)
     report(found, recording, console)
     return "motion", found
+
+
+def notes(found: Initialization, console: Console) -> None:
+    """Say what was left out and what was assumed."""
+    for note in found.notes:
+        console.warn(note)
+    for line in found.assumed:
+        console.say(line)
+
+
+def completed_start(
+    recording: Recording, start: Start, settings: FilterSettings, console: Console
+) -> Start:
+    """A start in the world with the robots that a file of poses leaves out, placed by ranges.
+
+    Says which cannot be placed, and why.
+    """
+    from clt.init.known import completed, lacking
+
+    left = lacking(recording, start)
+    if len(left) == 0 or recording.ranges.stamp.size == 0:
+        return start
+    try:
+        with announced(console):
+            found = completed(recording, start, settings)
+    except CltError as error:
+        console.warn(f"{', '.join(left)}: no initial pose in the file, and {error}", partial=True)
+        return start
+    console.say(f"initial poses of {', '.join(left)}: not in the file; from ranges between pairs")
+    notes(found, console)
+    missing(found, console)
+    return found.start
 
 
 def start_for(
@@ -73,14 +116,16 @@ def start_for(
     *,
     kept: bool,
 ) -> Start:
-    """The start of a filter by one of METHODS or from a TOML file.
+    """The start of a filter by one of the same methods or from a TOML file.
 
-    In the frame of an `ego` a file without a table for it gives relative poses. Whether the filter
+    In the frame of an `ego` a file without a table for it gives relative poses; in the world one
+    with the poses of some robots is completed. Whether the filter
     has `kept` all hypotheses decides whether an open start is told as a lack.
     Raises UsageError for a file that makes no sense, CltError where no robot can be initialized.
     """
     if isinstance(init, Document):
-        return from_poses(recording, read_toml(init), str(init), settings.initial.sigma, ego)
+        start = from_poses(recording, read_toml(init), str(init), settings.initial.sigma, ego)
+        return start if ego is not None else completed_start(recording, start, settings, console)
     _, found = find(recording, init, settings, console, ego, kept=kept)
     return start_of(found, recording)
 
@@ -112,8 +157,7 @@ def report(found: Initialization, recording: Recording, console: Console) -> Non
     """Say which robots start where, and which cannot be told and why."""
     frame = "the surveyed positions" if found.surveyed else "ranges (Shi's convention)"
     console.say(f"initial poses: from motion, in the frame of {frame}")
-    for note in found.notes:
-        console.warn(note)
+    notes(found, console)
     missing(found, console)
     for name, robot in found.robots.items():
         if robot.status == "ok" and robot.pose is not None and name in recording.odometry:

@@ -8,11 +8,13 @@ from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import BinaryIO, TextIO
+from typing import TYPE_CHECKING, BinaryIO, TextIO
 
 from clt.document import Document
 from clt.log import output as target
-from clt.streams import Attachment, Recording
+
+if TYPE_CHECKING:
+    from clt.streams import Recording  # numpy, slow to import
 
 MEDIA_TYPE = "application/toml"
 OWN = ("config", "poses")
@@ -43,8 +45,13 @@ class Inputs:
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """All files, none of which the output may overwrite."""
-        return (*self.data, *(document.path for document in self.documents.values()))
+        """All files, none of which the output may overwrite; of a folder those in it."""
+        files = [
+            file
+            for path in self.data
+            for file in (sorted(path.iterdir()) if path.is_dir() else [path])
+        ]
+        return (*files, *(document.path for document in self.documents.values()))
 
     def check(self, path: Path | None, force: bool) -> None:
         """Raise CltError unless the output, if any, may be written; to call before any work."""
@@ -80,6 +87,8 @@ class Inputs:
         What travelled with the input travels on, but for a document of the same role and for
         the configuration and poses of earlier commands, whose record says what they set.
         """
+        from clt.streams import Attachment
+
         gone = {f"{role}.toml" for role in (*OWN, *self.documents)}
         kept = [one for one in recording.attachments if one.name not in gone]
         new = [

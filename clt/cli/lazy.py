@@ -5,12 +5,17 @@ The work of `clt --help` does not grow with the options of the commands.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib import import_module
 from typing import Any, NamedTuple
 
 import typer
 from typer.core import TyperCommand, TyperGroup
+from typer.exceptions import TyperException
+
+from clt.cli.console import USAGE
 
 
 class Row(NamedTuple):
@@ -39,11 +44,40 @@ def lazy_group(
 
         def __init__(self, **attributes: Any) -> None:
             super().__init__(**attributes)
+            self.called: str | None = None
             self.commands = {name: TyperCommand(name, help=row.about) for name, row in rows.items()}
 
         def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+            self.called = None
             name, command, rest = super().resolve_command(ctx, args)
+            self.called = name
             return name, None if command is None else self.load(command.name), rest
+
+        def main(
+            self,
+            args: Sequence[str] | None = None,
+            prog_name: str | None = None,
+            complete_var: str | None = None,
+            standalone_mode: bool = True,
+            windows_expand_args: bool = True,
+            **extra: Any,
+        ) -> Any:
+            """Run; on its own, end with an exit code and one line for a usage error."""
+            run = partial(super().main, args, prog_name, complete_var, False, windows_expand_args)
+            if not standalone_mode:
+                return run(**extra)
+            self.called = None
+            try:
+                code = run(**extra)
+            except TyperException as error:
+                from clt.cli.usage import usage_line
+
+                code = USAGE
+                if type(error).__name__ == "NoArgsIsHelpError":
+                    print(error.format_message(), file=sys.stderr)
+                else:
+                    print(f"clt: error: {usage_line(error, self.called)}", file=sys.stderr)
+            sys.exit(code)
 
         def load(self, name: str | None) -> Any:
             """The command with all its options."""

@@ -8,17 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from clt.cli.options import Force, Json, Log, Output, Quiet, Set, Verbose
+from clt.cli.period import From, To
 
 if TYPE_CHECKING:
     from clt.cli.console import Console
     from clt.document import Document
+    from clt.filters.choices import View
     from clt.filters.settings import FilterSettings
     from clt.filters.world import Estimator
     from clt.init.start import Start
     from clt.pipeline import Result
     from clt.streams import Communication, Recording
 
-ENGINES = ("compiled", "filterpy")
 WANTED = frozenset({"odometry", "ranges", "frames", "truth"})
 
 
@@ -72,6 +73,8 @@ def localize(
         ),
     ] = False,
     scene: Annotated[bool, typer.Option(help="Add /tf and /clt/scene for 3D viewers.")] = True,
+    since: From = None,
+    until: To = None,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -86,33 +89,38 @@ def localize(
     """
     from time import perf_counter
 
-    from clt.calibration import apply, read_calibration
     from clt.cli.console import Console
-    from clt.cli.initial import start_for
     from clt.cli.inputs import Inputs
-    from clt.cli.localize_report import describe, tell
+    from clt.cli.period import period_of, usable
     from clt.errors import UsageError
-    from clt.filters.problem import require_robots
-    from clt.filters.world import KEEP_ALL
-    from clt.log.load import load
     from clt.log.output import STDOUT
-    from clt.log.save import save
-    from clt.observability.advice import advise
 
     console = Console(quiet, verbose)
-    estimator = estimator_of(filter_, frame, engine)
+    chosen, view = chosen_of(filter_, frame, engine)
     if as_json and output == STDOUT:
         raise UsageError("--json and -o - both want standard output; name a file")
+    period = period_of(since, until)
     poses = poses_file(init)
     inputs = Inputs.of(log, config=config, calibration=calibration, streams=streams, poses=poses)
     inputs.check(output, force)
     settings = read_settings(inputs["config"], sets)
 
+    # Slow to import: what stands above is refused at once.
+    from clt.calibration import apply, read_calibration
+    from clt.cli.initial import start_for
+    from clt.cli.localize_report import describe, tell
+    from clt.filters.problem import require_robots
+    from clt.filters.world import KEEP_ALL, Estimator
+    from clt.log.load import load
+    from clt.log.save import save
+    from clt.observability.advice import advise
+
+    estimator = Estimator(chosen, view, engine)
     clock = [perf_counter()]
     loaded = load(log, inputs["streams"], WANTED)
-    console.report(loaded.recording.faults)
-    settings = read_settings(inputs["config"], sets, loaded.recording.team.communication)
-    recording = with_ranges(loaded.recording, console)
+    recording = usable(loaded, period, console)
+    settings = read_settings(inputs["config"], sets, recording.team.communication)
+    recording = with_ranges(recording, console)
     if (document := inputs["calibration"]) is not None:
         recording = apply(recording, read_calibration(document))
     require_data(recording, str(log))
@@ -143,21 +151,21 @@ def localize(
     return console.code
 
 
-def estimator_of(filter_: str | None, frame: str, engine: str) -> Estimator:
-    """The filter that the options choose. Raises UsageError for what does not exist."""
+def chosen_of(filter_: str | None, frame: str, engine: str) -> tuple[str, View]:
+    """The filter and the frame that options choose. Raises UsageError for what does not exist."""
     from clt.errors import UsageError
-    from clt.filters.space import parse_view
-    from clt.filters.world import FILTERPY, FILTERS, Estimator
+    from clt.filters.choices import ENGINES, NAMES, THROUGH_FILTERPY, parse_view
 
     view = parse_view(frame)
     chosen = filter_ or ("eskf" if view.kind == "world" else "mixture")
-    choose("--filter", chosen, tuple(FILTERS))
+    choose("--filter", chosen, NAMES)
     choose("--engine", engine, ENGINES)
     if chosen == "dpf" and view.kind == "world":
         raise UsageError("--filter dpf estimates relative poses: use --frame ego:NAME")
-    if engine == "filterpy" and chosen not in FILTERPY:
-        raise UsageError(f"--engine filterpy has no {chosen}; it has {', '.join(FILTERPY)}")
-    return Estimator(chosen, view, engine)
+    if engine == "filterpy" and chosen not in THROUGH_FILTERPY:
+        has = ", ".join(THROUGH_FILTERPY)
+        raise UsageError(f"--engine filterpy has no {chosen}; it has {has}")
+    return chosen, view
 
 
 def choose(option: str, value: str, known: tuple[str, ...]) -> None:
@@ -171,7 +179,7 @@ def choose(option: str, value: str, known: tuple[str, ...]) -> None:
 
 def poses_file(init: str) -> Path | None:
     """The file that `--init` names. Raises UsageError where it is neither that nor a method."""
-    from clt.cli.initial import METHODS
+    from clt.cli.options import METHODS
     from clt.errors import UsageError
     from clt.settings import nearest
 
@@ -233,11 +241,13 @@ def require_data(recording: Recording, log: str, *, standing: bool = False) -> N
         raise CltError(f"{log} is already a result, without odometry and ranges; give its input")
     if len(recording.odometry) == 0 and not standing:
         raise CltError(
-            f"{log}: no odometry found on /ROBOT/odom; name its topics with --streams FILE"
+            f"{log}: no odometry found on /ROBOT/odom; name its topics with --streams FILE, "
+            "which `clt streams` drafts"
         )
     if recording.ranges.stamp.size == 0:
         raise CltError(
-            f"{log}: no ranges found on /ROBOT/uwb/range; name their topics with --streams FILE"
+            f"{log}: no ranges found on /ROBOT/uwb/range; name their topics with --streams FILE, "
+            "which `clt streams` drafts"
         )
 
 

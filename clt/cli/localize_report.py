@@ -40,6 +40,7 @@ def describe(
         **choices,
         **({"traffic": sent} if len(sent) > 0 else {}),
         config=settings.model_dump(mode="json"),
+        noise=dict(result.noise),
         initial_poses=start,
         timings=timings,
         warnings=console.warnings,
@@ -61,7 +62,8 @@ def tell(
     if as_json:
         ranges = {"used": int(seen.sum()), "rejected": int((~seen).sum())}
         head = {"log": str(log), **choices, "final": last, "ranges": ranges}
-        print(json.dumps({**head, "timings": timings, "warnings": console.warnings}))
+        document = {**head, "timings": timings, "warnings": console.warnings}
+        print(json.dumps(document, allow_nan=False))
         return
     console.say(
         f"{log}: {counted(len(last), 'robot')}, {counted(seen.size, 'range')}, "

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from clt.cli.options import Force, Json, Quiet, Set, Verbose
+from clt.cli.period import From, To
 
 if TYPE_CHECKING:
     from clt.cli.console import Console
     from clt.cli.inputs import Inputs
+    from clt.cli.period import Period
     from clt.filters.settings import FilterSettings
     from clt.observability.setup import Setup
     from clt.observability.windows import Windows
@@ -71,6 +73,8 @@ def observability(
         typer.Option(metavar="FILE", help="Topics of a log that clt did not write (TOML)."),
     ] = None,
     sets: Set = [],  # noqa: B006 - typer copies it
+    since: From = None,
+    until: To = None,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -101,7 +105,8 @@ def observability(
     }
     told = {"--moving": moving, "--static": static, "--known": known}
     if log is None:
-        refuse({"-o": output, "--streams": streams, "--set": sets or None}, "need a LOG")
+        given = {"-o": output, "--streams": streams, "--set": sets or None}
+        refuse(given | {"--from": since, "--to": until}, "need a LOG")
         analysis = analyse(described(told, frame, conditions))
         if as_json:
             print(json.dumps(analysis.as_dict(), allow_nan=False, indent=1))
@@ -110,9 +115,11 @@ def observability(
         return console.code
     refuse(told | {name: text or None for name, text in conditions.items()}, "describe no LOG")
     from clt.cli.inputs import Inputs
+    from clt.cli.period import period_of
 
+    period = period_of(since, until)
     inputs = Inputs.of(log, streams=streams)
-    recording = read(log, inputs, output, console, force=force)
+    recording = read(log, inputs, output, period, console, force=force)
     from clt.cli.localize import read_settings
     from clt.log.output import STDOUT
     from clt.observability.advice import setup_of
@@ -230,10 +237,17 @@ def ego_of(frame: str, moving: list[str]) -> str | None:
 
 
 def read(
-    log: Path, inputs: Inputs, output: Path | None, console: Console, *, force: bool
+    log: Path,
+    inputs: Inputs,
+    output: Path | None,
+    period: Period,
+    console: Console,
+    *,
+    force: bool,
 ) -> Recording:
     """Read a log once it is clear that its picture can be written."""
     from clt.cli.localize import with_ranges
+    from clt.cli.period import usable
     from clt.errors import CltError, UsageError
     from clt.log.load import load
     from clt.log.output import STDOUT
@@ -242,8 +256,7 @@ def read(
     if output is not None and output != STDOUT and output.suffix.lower() not in FORMS:
         raise UsageError(f"{output}: unknown kind of picture; use {', '.join(FORMS)}")
     inputs.check(output, force)
-    recording = load(log, inputs["streams"], WANTED).recording
-    console.report(recording.faults)
+    recording = usable(load(log, inputs["streams"], WANTED), period, console)
     recording = with_ranges(recording, console)
     if measured(recording).stamp.size == 0:
         raise CltError(f"{log}: neither ranges nor UWB frames: nothing to analyse")
@@ -275,8 +288,8 @@ def picture(
 ) -> None:
     """Draw the windows."""
     from clt.log.output import STDOUT
-    from clt.plots.figure import FORMS as KINDS
     from clt.plots.observability import draw
+    from clt.plots.style import FORMS as KINDS
 
     form = KINDS[".png" if output == STDOUT else output.suffix.lower()]
     with inputs.output(output, force) as file:

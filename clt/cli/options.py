@@ -7,7 +7,12 @@ from typing import Annotated
 
 import typer
 
-Log = Annotated[Path, typer.Argument(help="An MCAP log; `-` is standard input.", metavar="LOG")]
+Log = Annotated[
+    Path,
+    typer.Argument(
+        help="A log: MCAP, .db3 or the folder of a ROS 2 bag; `-` is standard input.", metavar="LOG"
+    ),
+]
 Output = Annotated[
     Path, typer.Option("-o", "--output", help="Where the result goes; `-` is standard output.")
 ]
@@ -26,6 +31,8 @@ Quiet = Annotated[
     typer.Option("-q", "--quiet", help="Only errors on stderr, and what leads to exit code 3."),
 ]
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say more on stderr.")]
+METHODS = ("auto", "motion", "pairwise", "truth")
+"""What `--init` and `clt init --method` take."""
 Set = Annotated[
     list[str], typer.Option("--set", metavar="KEY=VALUE", help="Set one key; may be repeated.")
 ]

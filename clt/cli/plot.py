@@ -2,8 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from clt.cli.evaluate import Alignment
 from clt.cli.options import Force, Json, Log, Output, Quiet, Streams, Verbose
+
+if TYPE_CHECKING:
+    from clt.cli.console import Console
+    from clt.metrics.align import Align
+    from clt.metrics.evaluation import Evaluation
+    from clt.streams import Recording
 
 FORMS = (".png", ".svg", ".pdf", ".html")
 
@@ -20,20 +28,22 @@ def plot(
 ) -> int:
     """Draw trajectories, errors with their 3-sigma bounds, and range innovations.
 
-    The output's suffix chooses the format: .png, .svg, .pdf or .html (one self-contained page).
+    Without truth: estimates with their covariance, ranges and residuals by pair; of a log that is
+    not localized yet, its odometry, ranges and truth. The output's suffix chooses the format:
+    .png, .svg, .pdf or .html (one self-contained page).
 
     Examples:
       clt plot out.mcap -o out.png
       clt plot out.mcap --align se2 -o out.html
+      clt plot log.mcap -o log.png
     """
     import json
 
     from clt.cli.console import Console
-    from clt.cli.evaluate import score
     from clt.cli.inputs import Inputs
     from clt.errors import UsageError
+    from clt.log.load import load
     from clt.log.output import STDOUT
-    from clt.metrics.evaluation import EvaluateOptions
 
     form = ".png" if output == STDOUT else output.suffix.lower()
     if form not in FORMS:
@@ -43,19 +53,48 @@ def plot(
     console = Console(quiet, verbose)
     inputs = Inputs.of(log, streams=streams)
     inputs.check(output, force)
-    recording, evaluation = score(log, inputs["streams"], EvaluateOptions(align), console)
+    recording = load(log, inputs["streams"]).recording
+    console.report(recording.faults)
+    evaluation = scored(recording, align, str(log), console)
     with inputs.output(output, force) as file:
         if form == ".html":
             from clt.plots.page import page
 
             file.write(page(str(log), recording, evaluation).encode())
         else:
-            from clt.plots.figure import FORMS as KINDS
             from clt.plots.figure import draw
+            from clt.plots.style import FORMS as KINDS
 
             draw(file, KINDS[form], recording, evaluation)
+    how = None if evaluation is None else evaluation.align
     if output != STDOUT:
-        console.say(f"{output}: {log}, align {evaluation.align}")
+        console.say(f"{output}: {log}, " + ("not scored" if how is None else f"align {how}"))
     if as_json:
-        print(json.dumps({"log": str(log), "output": str(output), "align": evaluation.align}))
+        print(json.dumps({"log": str(log), "output": str(output), "align": how}))
     return console.code
+
+
+def scored(
+    recording: Recording, align: Align | None, log: str, console: Console
+) -> Evaluation | None:
+    """The figures of the estimates that have truth, if any has.
+
+    Raises CltError where an alignment was asked for and cannot be had.
+    """
+    from clt.errors import CltError
+    from clt.metrics.evaluate import evaluate
+    from clt.metrics.evaluation import EvaluateOptions
+
+    both = set(recording.truth) & set(recording.estimate)
+    if len(both) == 0 and align is None:
+        return None
+    try:
+        evaluation = evaluate(recording, EvaluateOptions(align))
+    except CltError as error:
+        if align is not None:
+            raise type(error)(f"{log}: {error}") from None
+        console.warn(f"{log}: {error}; drawn without errors")
+        return None
+    for warned in evaluation.warnings:
+        console.warn(f"{log}: {warned.text}", partial=warned.partial)
+    return evaluation

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from clt.cli.options import Force, Json, Log, Output, Quiet, Verbose
+from clt.cli.period import From, To
 
 WANTED = frozenset({"odometry", "frames", "truth"})
 
@@ -35,6 +36,8 @@ def range_log(
             "networks slower than 10 Hz.",
         ),
     ] = None,
+    since: From = None,
+    until: To = None,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -51,6 +54,7 @@ def range_log(
     from clt.cli.compiling import announced
     from clt.cli.console import Console
     from clt.cli.inputs import Inputs
+    from clt.cli.period import period_of, usable
     from clt.cli.ranging_report import document, tell
     from clt.cli.run import run_record
     from clt.errors import CltError, UsageError
@@ -68,11 +72,11 @@ def range_log(
         raise UsageError(f"--noise {noise:g}: give picoseconds, from 0 to a million")
     if as_json and output == STDOUT:
         raise UsageError("--json and -o - both want standard output; name a file")
+    period = period_of(since, until)
     inputs = Inputs.of(log)
     inputs.check(output, force)
     loaded = load(log, want=WANTED)
-    recording = loaded.recording
-    console.report(recording.faults)
+    recording = usable(loaded, period, console)
     if recording.frames.stamp.size == 0:
         raise CltError(
             f"{loaded.path}: no UWB packets found on /ROBOT/uwb/frame; clt range needs raw time "

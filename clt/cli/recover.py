@@ -22,12 +22,16 @@ def recover(
 
     from clt.cli.console import Console
     from clt.errors import UsageError
+    from clt.log.bag import bag_of
     from clt.log.output import STDOUT
     from clt.log.output import output as opened
     from clt.log.recover import recover as copy
 
     if as_json and output == STDOUT:
         raise UsageError("--json and -o - both want standard output; name a file")
+    if log.is_dir():
+        files = bag_of(log).files
+        raise UsageError(f"{log}: is a folder: recover its files one by one, e.g. {files[0]}")
     console = Console(quiet, verbose)
     with opened(output, force, inputs=[log]) as file:
         saved = copy(log, file)

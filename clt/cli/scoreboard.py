@@ -13,7 +13,10 @@ from rich.text import Text
 
 from clt.metrics.errors import Statistics
 from clt.metrics.evaluation import Evaluation
+from clt.metrics.pairs import PairNis
 from clt.metrics.scores import Score
+from clt.printable import name as shown
+from clt.printable import printable
 
 BASELINE = "  dead reckoning"
 NARROWEST = 80
@@ -37,6 +40,8 @@ def show(console: Console, log: str, evaluation: Evaluation) -> None:
         made = table(evaluation)
         if made is not None:
             put(console, made)
+    if len(evaluation.unscored) > 0:
+        console.print(f"not scored, without truth: {', '.join(evaluation.unscored)}\n")
     extra = len(evaluation.pairs) - SHOWN
     if extra > 0:
         console.print(f"{extra} more pairs: clt evaluate --json\n")
@@ -52,8 +57,9 @@ def put(console: Console, table: Table) -> None:
 
 def heading(log: str, evaluation: Evaluation) -> str:
     """Which log, which filter, which frames."""
-    name = f"filter {evaluation.filter}, " if evaluation.filter is not None else ""
-    return f"{log}: {name}frame {evaluation.frame}, truth in {evaluation.truth_frame}"
+    name = f"filter {shown(evaluation.filter)}, " if evaluation.filter is not None else ""
+    frames = f"frame {shown(evaluation.frame)}, truth in {shown(evaluation.truth_frame)}"
+    return printable(f"{log}: {name}{frames}")
 
 
 def done(evaluation: Evaluation) -> str:
@@ -133,16 +139,43 @@ def consistency(score: Score) -> list[str]:
 
 
 def pair_table(evaluation: Evaluation) -> Table | None:
-    """Ranges by pair, those that fit worst first."""
+    """Ranges by pair, those that fit worst first; a star where a figure is not chance."""
     if evaluation.all_pairs is None:
         return None
-    table = new_table("Ranges by pair (mean NIS: 1 expected)", "ranges", "rejected", "mean NIS")
-    worst = sorted(evaluation.pairs.items(), key=lambda item: -(item[1].nis or 0.0))
+    table = new_table(
+        "Ranges by pair, residuals in m (mean NIS: 1 expected; *: not chance)",
+        "ranges",
+        "rejected",
+        "mean NIS",
+        "mean",
+        "std",
+        "corr.",
+    )
+    worst = sorted(evaluation.pairs.items(), key=lambda item: badness(item[1]), reverse=True)
     for name, pair in [*worst[:SHOWN], ("all", evaluation.all_pairs)]:
-        nis = "-" if pair.nis is None else f"{pair.nis:.3g}"
-        style = "bold" if name == "all" else ""
-        table.add_row(name, str(pair.count), f"{100 * pair.rejected:.2f} %", nis, style=style)
+        cells = (
+            starred(f"{100 * pair.rejected:.2f} %", "rejected", pair),
+            starred(None if pair.nis is None else f"{pair.nis:.3g}", "nis", pair),
+            starred(None if pair.mean is None else f"{pair.mean:+.3g}", "mean", pair),
+            "-" if pair.std is None else f"{pair.std:.3g}",
+            starred(
+                None if pair.autocorrelation is None else f"{pair.autocorrelation:+.2f}",
+                "autocorrelation",
+                pair,
+            ),
+        )
+        table.add_row(name, str(pair.count), *cells, style="bold" if name == "all" else "")
     return table
+
+
+def badness(pair: PairNis) -> tuple[int, float]:
+    """To sort pairs by: how many figures are not chance, then the mean NIS."""
+    return len(pair.significant), pair.nis or 0.0
+
+
+def starred(text: str | None, figure: str, pair: PairNis) -> str:
+    """A figure of a pair, with a star where it is not chance."""
+    return "-" if text is None else f"{text}{'*' if figure in pair.significant else ''}"
 
 
 def summary(console: Console, evaluations: Mapping[str, Evaluation]) -> None:
@@ -151,7 +184,9 @@ def summary(console: Console, evaluations: Mapping[str, Evaluation]) -> None:
     table = new_table("Team of each log (rmse)", *head)
     for log, evaluation in evaluations.items():
         team, baseline = evaluation.estimate.team, evaluation.dead_reckoning.team
-        if team is not None:
+        if team is None:
+            table.add_row(log, evaluation.align, *["-"] * 5)
+        else:
             table.add_row(
                 log,
                 evaluation.align,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,8 @@ from clt.streams import Indices, Stamps
 
 LEAST_STEP, MOST_STEP = 20_000_000, 100_000_000
 """Between two epochs, ns."""
+MOST_SILENT = 100
+"""So many epochs follow one another while nothing arrives."""
 
 
 @dataclass(frozen=True)
@@ -66,14 +69,23 @@ def weighed_on_arrival(
     return table._replace(weight_variance=weight_variance)
 
 
-def epochs(arrival: Stamps, start: int, end: int) -> Stamps:
+def epochs(arrival: Stamps, start: int, end: int, others: Sequence[Stamps] = ()) -> Stamps:
     """When estimates are made from `start` to `end` (ns): at a robot's arriving odometry.
 
-    At most every LEAST_STEP, and when nothing arrives, every MOST_STEP.
+    At most every LEAST_STEP, and when nothing arrives, every MOST_STEP. Once nothing of `others`
+    has arrived either for MOST_SILENT such steps, the next one leads to what comes then: a pause
+    costs no more for being long.
     """
-    times = [start]
+    anything = np.sort(np.concatenate([arrival, *others]))
+    times, silent = [start], 0
     while times[-1] < end:
-        following = int(np.searchsorted(arrival, times[-1] + LEAST_STEP))
-        latest = min(times[-1] + MOST_STEP, end)
+        now = times[-1]
+        following = int(np.searchsorted(arrival, now + LEAST_STEP))
+        latest = min(now + MOST_STEP, end)
+        came = int(np.searchsorted(anything, now, "right"))
+        later = int(anything[came]) if came < anything.size else end
+        silent = silent + 1 if later > latest else 0
+        if silent > MOST_SILENT:
+            latest = min(later, end)
         times.append(min(int(arrival[following]), latest) if following < arrival.size else latest)
     return np.array(times, np.int64)

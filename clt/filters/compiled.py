@@ -30,15 +30,16 @@ def fingerprint(*folders: Path) -> str:
 def compiled(function: F, **options: Any) -> F:
     """Compile on the first call and keep the machine code for later processes, where that can be.
 
-    No fast-math: the same numbers on every run.
+    No fast-math: the same numbers on every run. Other threads run meanwhile: see `clt.cli.entry`.
     """
     # The name goes into that of the cache file: machine code of other sources is never found.
     sources = fingerprint(Path(__file__).parent, Path(function.__code__.co_filename).parent)
     function.__qualname__ = f"{function.__name__}_{sources}"
+    options |= {"error_model": "numpy", "nogil": True}
     try:
-        return cast("F", numba.njit(cache=True, error_model="numpy", **options)(function))
+        return cast("F", numba.njit(cache=True, **options)(function))
     except RuntimeError:  # There is no directory that numba may write to.
-        return cast("F", numba.njit(error_model="numpy", **options)(function))
+        return cast("F", numba.njit(**options)(function))
 
 
 def kernel(function: F) -> F:

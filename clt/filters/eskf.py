@@ -22,7 +22,6 @@ from clt.filters.free import Free, add_bend, exchange, find, find_bend, inactive
 from clt.filters.inputs import Outputs, RangeTable, Segments
 from clt.filters.kalman import Work
 from clt.filters.ranging import predict_range
-from clt.filters.reacquisition import LOST, fresh_memory, reacquire, remember
 from clt.filters.space import Space, world_space
 from clt.filters.transport import carry
 from clt.filters.unicycle import arc, process_noise
@@ -49,15 +48,11 @@ class Run(NamedTuple):
     """REJECTED or USED."""
     last_mean: Floats
     last_covariance: Floats
-    lost: Indices
-    """How often each block was lost and searched for anew, shape (B,)."""
 
 
 class Memory(NamedTuple):
     """What a run needs beside mean and covariance to go on where an earlier one stopped."""
 
-    seen: Indices
-    """What each block's ranges said of late (`reacquisition`)."""
     shift: Floats
     """How far ranges moved each block since its last step, shape (B, 2), m; see `propagate`."""
 
@@ -73,8 +68,6 @@ class State(NamedTuple):
     """Up to when each driver is propagated, shape (D,), ns."""
     cursor: Indices
     """The twist segment that each driver is in."""
-    memory: Indices
-    """What each block's ranges said of late (`reacquisition`)."""
     shift: Floats
     """How far ranges moved each block since its last step, shape (B, 2), m; see `propagate`."""
     F: Floats
@@ -126,7 +119,7 @@ def propagate(
 @lean
 def advance(state: State, d: int, until: int, segments: Segments, space: Space, form: int) -> None:
     """Bring driver d to the time `until` (ns) through its twist segments."""
-    x, P, time, cursor, _, shift, F, G = state
+    x, P, time, cursor, shift, F, G = state
     first = space.first[d]
     alone = space.first[d + 1] - first == 1 and space.forward[first] == 1
     alone = alone and space.calibration[d] < 0
@@ -181,22 +174,6 @@ def innovate(
 
 
 @inlined
-def judge(
-    state: State, lever: Floats, ranges: RangeTable, m: int, last: int, gate: float,
-    patience: int, work: Work, run: Run,
-) -> None:  # fmt: skip
-    """Gate the ranges m .. last - 1 of one instant, anew if they show that a robot was lost."""
-    a, b, memory = ranges.a, ranges.b, state.memory
-    lost = True
-    while lost:
-        innovate(state, lever, ranges, m, last, gate, work, run)
-        lost = reacquire(state.P, a, b, run.residual, m, last, ranges.stamp[m], memory, patience)
-    for k in range(m, last):
-        for i, partner in ((a[k], b[k]), (b[k], a[k])):
-            remember(i, partner, run.verdict[k] == USED, memory)
-
-
-@inlined
 def correct(state: State, work: Work, count: int, large: int | None, first: bool) -> None:
     """Fuse `count` ranges of one instant: error state and covariance, then the nominal state.
 
@@ -241,7 +218,7 @@ def bend(
 @lean
 def eskf(
     state: State, start: int, end: int, space: Space, lever: Floats, segments: Segments,
-    ranges: RangeTable, outputs: Outputs, gate: float, patience: int, form: int, first: bool,
+    ranges: RangeTable, outputs: Outputs, gate: float, form: int, first: bool,
     free: Free, large: int | None, work: Work, run: Run,
 ) -> None:  # fmt: skip
     """The filter over a whole log: fills `run`; `state` ends as the last posterior.
@@ -263,7 +240,7 @@ def eskf(
             bring(state, b, now, segments, space, form, a < 0)
             last += 1
         if last > m:
-            judge(state, lever, ranges, m, last, gate, patience, work, run)
+            innovate(state, lever, ranges, m, last, gate, work, run)
             if hold:
                 turns = find(state.x, state.P, space, ranges, m, last, segments, state.cursor, free)
             correct(state, work, last - m, large, first)
@@ -289,9 +266,9 @@ def most_at_once(stamp: Stamps) -> int:
     return int(np.diff(first, append=stamp.size).max(initial=0))
 
 
-def no_memory(n: int, start: int) -> Memory:
-    """Of n blocks at the time `start` (ns), when nothing was seen yet."""
-    return Memory(fresh_memory(n, start), np.zeros((n, 2)))
+def no_memory(n: int) -> Memory:
+    """Of n blocks that no range moved yet."""
+    return Memory(np.zeros((n, 2)))
 
 
 def run(
@@ -304,7 +281,6 @@ def run(
     outputs: Outputs,
     *,
     gate: float,
-    reacquire: float,
     form: int,
     first: bool = False,
     free: Free | None = None,
@@ -314,7 +290,7 @@ def run(
 ) -> Run:
     """Filter one log: joint mean (N,) and covariance (N, N) at `start` (ns), lever (B, 2).
 
-    gate: chi-square bound of one range, 0 for none; reacquire: s; form: of the process noise;
+    gate: chi-square bound of one range, 0 for none; form: of the process noise;
     first: first-estimates Jacobians of poses in the world instead of those at the latest estimate;
     free: the same of poses in body frames, by default not; space: by default
     the world's, one block for each robot that has segments; end: ns, up to where all are carried
@@ -325,21 +301,20 @@ def run(
     x, P = mean.astype(np.float64), covariance.astype(np.float64)
     space = world_space(segments.first.size - 1) if space is None else space
     n, M, O = space.who.size, ranges.stamp.size, outputs.stamp.size  # noqa: E741
-    memory = no_memory(n, start) if memory is None else memory
+    memory = no_memory(n) if memory is None else memory
     state = State(
         x, P, np.full(segments.first.size - 1, start), segments.first[:-1].copy(),
-        memory.seen, memory.shift, np.zeros((n, 2)), np.zeros((x.size, 2)),
+        memory.shift, np.zeros((n, 2)), np.zeros((x.size, 2)),
     )  # fmt: skip
     work = kalman.workspace(most_at_once(ranges.stamp), x.size)
     result = Run(
         np.empty((O, 3)), np.empty((O, 3, 3)),
-        np.empty(M), np.empty(M), np.empty(M, np.int64), x, P, state.memory[:, LOST],
+        np.empty(M), np.empty(M), np.empty(M, np.int64), x, P,
     )  # fmt: skip
-    patience = int(reacquire * 1e9)
     large = BATCH_PER_ROBOT if n >= BATCH_ROBOTS else None
     with threadpool_limits(1, "blas") if large is not None else nullcontext():
         eskf(
             state, start, start if end is None else end, space, lever, segments, ranges, outputs,
-            gate, patience, form, first, inactive() if free is None else free, large, work, result,
+            gate, form, first, inactive() if free is None else free, large, work, result,
         )  # fmt: skip
     return result

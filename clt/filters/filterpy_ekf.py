@@ -7,15 +7,19 @@ one predict and one update per instant, and robots moved when a range or an outp
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
 from clt.filters.eskf import USED
 from clt.filters.filterpy_model import Clock, jacobian, moved, noise, transition
-from clt.filters.filterpy_run import Guard, run
+from clt.filters.filterpy_run import judge, run
 from clt.filters.free import exchange, find, free_of, wanted
 from clt.filters.gaussian import process_form
 from clt.filters.problem import Problem
+from clt.filters.reacquisition import follow
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Solution
 from clt.filters.space import WORLD
@@ -26,14 +30,16 @@ from clt.streams import Floats, Indices
 class TeamFilter(ExtendedKalmanFilter):  # type: ignore[misc]
     """filterpy's EKF with the team's motion as its prediction of the mean."""
 
-    def __init__(self, problem: Problem, settings: FilterSettings) -> None:
+    def __init__(self, problem: Problem, settings: FilterSettings, *, hold: bool) -> None:
         super().__init__(dim_x=problem.mean.size, dim_z=1)
         self.x, self.P = problem.mean.copy(), problem.covariance.copy()
         self.problem, self.space = problem, problem.space
         self.shi = process_form(problem, settings) == SHI
         self.clock = Clock(problem.segments, problem.space, problem.start)
-        hold, relative = wanted(problem, settings), bool(np.any(problem.space.base != WORLD))
-        self.first, self.shift = hold and not relative, np.zeros(self.x.size)
+        kept = problem.memory
+        relative = bool(np.any(problem.space.base != WORLD))
+        self.first = hold and not relative
+        self.shift = kept.copy() if isinstance(kept, np.ndarray) else np.zeros(self.x.size)
         self.free = free_of(problem, hold and relative)
         self.after = self.x
 
@@ -58,16 +64,13 @@ class TeamFilter(ExtendedKalmanFilter):  # type: ignore[misc]
             self.after, self.F, self.Q = x, F, Q
             self.predict()
 
-    def correct(self, rows: slice, guard: Guard) -> tuple[Floats, Floats, Indices]:
+    def correct(self, rows: slice, gate: float) -> tuple[Floats, Floats, Indices]:
         """Gate and fuse the ranges `rows` of one instant: residual, its variance, verdict."""
         ranges, lever = self.problem.ranges, self.problem.lever
         h, H = jacobian(self.x, lever, ranges, rows)
         z = ranges.range[rows]
-
-        def innovate() -> tuple[Floats, Floats]:
-            return z - h, np.einsum("mi,ij,mj->m", H, self.P, H) + ranges.variance[rows]
-
-        r, S, verdict = guard.judge(self.P, rows, innovate)
+        r, S = z - h, np.einsum("mi,ij,mj->m", H, self.P, H) + ranges.variance[rows]
+        verdict = judge(r, S, gate)
         use = np.flatnonzero(verdict == USED)
         if use.size > 0:
             R = np.diag(ranges.weight_variance[rows][use])
@@ -82,4 +85,10 @@ class TeamFilter(ExtendedKalmanFilter):  # type: ignore[misc]
 
 def solve_ekf(problem: Problem, settings: FilterSettings) -> Solution:
     """The numbers of `gaussian.solve_ekf`."""
-    return run(TeamFilter(problem, settings), problem, settings)
+    return follow(problem, settings, partial(solve, hold=wanted(problem, settings)))
+
+
+def solve(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
+    """Run the filter alone."""
+    team = TeamFilter(problem, settings, hold=hold)
+    return replace(run(team, problem, settings.gate), memory=team.shift)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -10,42 +9,17 @@ import numpy as np
 from clt.filters.eskf import REJECTED, USED
 from clt.filters.filterpy_model import Clock
 from clt.filters.free import Free, add_bend, find_bend
-from clt.filters.gaussian import remembered, single
+from clt.filters.gaussian import single
 from clt.filters.problem import Problem
-from clt.filters.reacquisition import LOST, reacquire, remember
-from clt.filters.settings import FilterSettings
 from clt.filters.solution import Solution
 from clt.filters.space import Space
 from clt.geometry import wrap
 from clt.streams import Floats, Indices
 
 
-class Guard:
-    """The gate, and what the filter remembers of each block's ranges."""
-
-    def __init__(self, problem: Problem, settings: FilterSettings) -> None:
-        self.gate, self.patience = settings.gate, int(settings.reacquire * 1e9)
-        self.ranges = problem.ranges
-        self.memory = remembered(problem)
-
-    def judge(
-        self, P: Floats, rows: slice, innovate: Callable[[], tuple[Floats, Floats]]
-    ) -> tuple[Floats, Floats, Indices]:
-        """Residual r, its variance S and verdict of each of the ranges `rows` of one instant.
-
-        `innovate` gives r and S at the present covariance P, which is widened for a lost robot.
-        """
-        a, b = self.ranges.a[rows], self.ranges.b[rows]
-        now = int(self.ranges.stamp[rows.start])
-        lost = True
-        while lost:
-            r, S = innovate()
-            lost = reacquire(P, a, b, r, 0, r.size, now, self.memory.seen, self.patience)
-        inside = (r * r <= self.gate * S) | (self.gate <= 0.0)
-        for i, j, used in zip(a, b, inside, strict=True):
-            remember(i, j, used, self.memory.seen)
-            remember(j, i, used, self.memory.seen)
-        return r, S, np.where(inside, USED, REJECTED)
+def judge(r: Floats, S: Floats, gate: float) -> Indices:
+    """Verdict on ranges of one instant by their residuals r and the variances S of these."""
+    return np.where((r * r <= gate * S) | (gate <= 0.0), USED, REJECTED)
 
 
 class Team(Protocol):
@@ -59,7 +33,7 @@ class Team(Protocol):
     def advance(self, until: int, drivers: set[int]) -> None:
         """Predict until the given drivers, at least, are at the time `until` (ns)."""
 
-    def correct(self, rows: slice, guard: Guard) -> tuple[Floats, Floats, Indices]:
+    def correct(self, rows: slice, gate: float) -> tuple[Floats, Floats, Indices]:
         """Gate and fuse the ranges `rows` of one instant: residual, its variance, verdict."""
 
 
@@ -73,10 +47,9 @@ def touched(space: Space, ends: Indices, others: Indices) -> set[int]:
     return {*space.who[ends[free]].tolist(), *base[base >= 0].tolist()}
 
 
-def run(team: Team, problem: Problem, settings: FilterSettings) -> Solution:
+def run(team: Team, problem: Problem, gate: float) -> Solution:
     """Ranges of one stamp are fused together, before the outputs of that stamp."""
-    guard, space = Guard(problem, settings), problem.space
-    ranges, outputs = problem.ranges, problem.outputs
+    space, ranges, outputs = problem.space, problem.ranges, problem.outputs
     mean, covariance = np.empty((outputs.stamp.size, 3)), np.empty((outputs.stamp.size, 3, 3))
     residual, variance = np.empty(ranges.stamp.size), np.empty(ranges.stamp.size)
     verdict = np.zeros(ranges.stamp.size, np.int64)
@@ -86,7 +59,7 @@ def run(team: Team, problem: Problem, settings: FilterSettings) -> Solution:
         if rows.stop > rows.start:
             a, b = ranges.a[rows], ranges.b[rows]
             team.advance(now, touched(space, a, b) | touched(space, b, a))
-            residual[rows], variance[rows], verdict[rows] = team.correct(rows, guard)
+            residual[rows], variance[rows], verdict[rows] = team.correct(rows, gate)
         first, last = np.searchsorted(outputs.stamp, [now, now + 1]).tolist()
         for o in range(first, last):
             i = outputs.robot[o]
@@ -106,7 +79,6 @@ def run(team: Team, problem: Problem, settings: FilterSettings) -> Solution:
         residual,
         variance,
         verdict,
-        guard.memory.seen[:, LOST],
+        np.zeros(len(problem.robots), np.int64),
         single(team.x, team.P),
-        memory=guard.memory,
     )

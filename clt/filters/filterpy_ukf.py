@@ -5,16 +5,19 @@ Written as a filterpy user would: one predict per step of constant twists, one u
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter, unscented_transform
 from scipy.linalg import LinAlgError, cholesky
 
 from clt.filters.eskf import USED
 from clt.filters.filterpy_model import Clock, Piece, lines, moved, noise
-from clt.filters.filterpy_run import Guard, run
+from clt.filters.filterpy_run import judge, run
 from clt.filters.free import add_turns, exchange, find, free_of, hold_still, wanted
 from clt.filters.gaussian import process_form
 from clt.filters.problem import Problem
+from clt.filters.reacquisition import follow
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Solution
 from clt.filters.space import Space
@@ -50,7 +53,7 @@ def transition(x: Floats, dt: float, space: Space, pieces: list[Piece]) -> Float
 class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
     """filterpy's UKF of a team."""
 
-    def __init__(self, problem: Problem, settings: FilterSettings) -> None:
+    def __init__(self, problem: Problem, settings: FilterSettings, *, hold: bool) -> None:
         alpha, beta, kappa = settings.ukf.alpha, settings.ukf.beta, settings.ukf.kappa
         N = problem.mean.size
         points = MerweScaledSigmaPoints(N, alpha, beta, kappa, sqrt_method=square_root)
@@ -60,7 +63,7 @@ class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
         self.shi = process_form(problem, settings) == SHI
         self.clock = Clock(problem.segments, problem.space, problem.start)
         self.now = problem.start
-        self.free = free_of(problem, wanted(problem, settings))
+        self.free = free_of(problem, hold)
 
     def advance(self, until: int, drivers: set[int]) -> None:
         """Predict up to the time `until` (ns): all drivers together, whichever are wanted."""
@@ -91,21 +94,16 @@ class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
         hold_still(self.P, turns, self.free)
         return self.free.U.copy()
 
-    def correct(self, rows: slice, guard: Guard) -> tuple[Floats, Floats, Indices]:
+    def correct(self, rows: slice, gate: float) -> tuple[Floats, Floats, Indices]:
         """Gate and fuse the ranges `rows` of one instant: residual, its variance, verdict."""
         ranges, z = self.problem.ranges, self.problem.ranges.range[rows]
-        images, turns = np.empty((0, z.size)), 0
         instant = ranges, rows.start, rows.stop, self.problem.segments, self.clock.cursor
-
-        def innovate() -> tuple[Floats, Floats]:
-            nonlocal images, turns
-            turns = find(self.x, self.P, self.space, *instant, self.free)
-            self.sigmas_f = self.points_fn.sigma_points(self.x, self.held(turns))
-            images = np.abs(lines(self.sigmas_f, self.problem.lever, ranges, rows))
-            h, S = unscented_transform(images, self.Wm, self.Wc, np.diag(ranges.variance[rows]))
-            return z - h, S.diagonal()
-
-        r, S, verdict = guard.judge(self.P, rows, innovate)
+        turns = find(self.x, self.P, self.space, *instant, self.free)
+        self.sigmas_f = self.points_fn.sigma_points(self.x, self.held(turns))
+        images = np.abs(lines(self.sigmas_f, self.problem.lever, ranges, rows))
+        h, spread = unscented_transform(images, self.Wm, self.Wc, np.diag(ranges.variance[rows]))
+        r, S = z - h, spread.diagonal()
+        verdict = judge(r, S, gate)
         use = np.flatnonzero(verdict == USED)
         if use.size > 0:
             image = iter(images[:, use])
@@ -117,4 +115,9 @@ class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
 
 def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:
     """The numbers of `ukf.solve_ukf`."""
-    return run(TeamFilter(problem, settings), problem, settings)
+    return follow(problem, settings, partial(solve, hold=wanted(problem, settings)))
+
+
+def solve(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
+    """Run the filter alone."""
+    return run(TeamFilter(problem, settings, hold=hold), problem, settings.gate)

@@ -7,6 +7,8 @@ with those at the latest estimate.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from clt.errors import UsageError
@@ -14,6 +16,7 @@ from clt.filters import eskf, unicycle
 from clt.filters.free import free_of, wanted
 from clt.filters.prior import Belief
 from clt.filters.problem import Problem
+from clt.filters.reacquisition import follow
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Solution
 from clt.filters.space import WORLD
@@ -23,13 +26,23 @@ FORMS = {"exact": unicycle.EXACT, "shi": unicycle.SHI}
 
 
 def solve_eskf(problem: Problem, settings: FilterSettings) -> Solution:
-    """Run the error-state Kalman filter on a problem.
+    """Run the filter on a problem and search for robots that look lost.
 
     Raises UsageError for Shi's process noise outside the world frame.
     """
+    return follow(problem, settings, partial(solve, hold=wanted(problem, settings)))
+
+
+def solve_alone(problem: Problem, settings: FilterSettings) -> Solution:
+    """Run the filter without a search for robots that look lost."""
+    return solve(problem, settings, hold=wanted(problem, settings))
+
+
+def solve(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
+    """Run the filter alone; `hold` what no range tells (`free`), decided once for a whole log."""
     form = process_form(problem, settings)
     memory = remembered(problem)
-    first, relative = wanted(problem, settings), bool(np.any(problem.space.base != WORLD))
+    relative = bool(np.any(problem.space.base != WORLD))
     run = eskf.run(
         problem.mean,
         problem.covariance,
@@ -39,10 +52,9 @@ def solve_eskf(problem: Problem, settings: FilterSettings) -> Solution:
         problem.ranges,
         problem.outputs,
         gate=settings.gate,
-        reacquire=settings.reacquire,
         form=form,
-        first=first and not relative,
-        free=free_of(problem, first and relative),
+        first=hold and not relative,
+        free=free_of(problem, hold and relative),
         space=problem.space,
         end=problem.end,
         memory=memory,
@@ -53,7 +65,7 @@ def solve_eskf(problem: Problem, settings: FilterSettings) -> Solution:
         run.residual,
         run.variance,
         run.verdict,
-        run.lost,
+        np.zeros(len(problem.robots), np.int64),
         single(run.last_mean, run.last_covariance),
         memory=memory,
     )
@@ -66,7 +78,7 @@ def remembered(problem: Problem) -> eskf.Memory:
     """What the run that this one goes on from kept, copied; else what a first one begins with."""
     if isinstance(problem.memory, eskf.Memory):
         return eskf.Memory._make(column.copy() for column in problem.memory)
-    return eskf.no_memory(len(problem.robots), problem.start)
+    return eskf.no_memory(len(problem.robots))
 
 
 def process_form(problem: Problem, settings: FilterSettings) -> int:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.filters.settings import Noise
+from clt.filters.settings import MOST, Noise
 from clt.streams import Floats, Indices, Odometry, Ranges, Robot, Stamps, Team
 
 LEAST_GAP, MOST_GAP = 1.5, 3.0
@@ -234,7 +234,7 @@ def standing() -> Segments:
 def correlation_time(noise: Noise, team: Team) -> float:
     """Of the range error of one pair, s: as the user says, else as the log tells."""
     told = noise.correlation_time
-    return team.range_correlation if told is None else told
+    return min(team.range_correlation, MOST) if told is None else told
 
 
 def correlated_variance(variance: Floats, stamp: Stamps, pair: Indices, tau: float) -> Floats:

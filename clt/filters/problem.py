@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clt.errors import CltError, UsageError
+from clt.filters.choices import View
 from clt.filters.inputs import (
     Outputs,
     RangeTable,
@@ -25,7 +26,7 @@ from clt.filters.inputs import (
 )
 from clt.filters.prior import Belief, Prior, gaussians, prior_of
 from clt.filters.settings import FilterSettings
-from clt.filters.space import WORLD, Space, View, make_space
+from clt.filters.space import WORLD, Space, make_space
 from clt.geometry import rotation
 from clt.init.start import InitialPose, Start
 from clt.settings import nearest
@@ -329,8 +330,9 @@ def output_times(cast: Cast, stamps: Mapping[str, Stamps], start: int) -> Output
         parts = np.clip(-(-np.diff(own) // OUTPUT_STEP), 1, MOST_PARTS)
         step = np.repeat(np.arange(parts.size), parts)
         part = np.arange(step.size) - np.repeat(np.cumsum(parts) - parts, parts) + 1
-        whole, rest = np.divmod(np.diff(own)[step], parts[step])
-        between = own[step] + whole * part + rest * part // parts[step]
+        # Whole parts and rest apart: their product over centuries would not fit 64 bits.
+        size, rest = np.divmod(np.diff(own), parts)
+        between = own[step] + size[step] * part + rest[step] * part // parts[step]
         wanted.append(np.append(start, between))
     stamp = np.concatenate(wanted).astype(np.int64)
     block = np.repeat(np.arange(len(wanted)), [part.size for part in wanted])

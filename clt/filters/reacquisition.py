@@ -1,86 +1,223 @@
-"""When a filter is wrong about a robot: noticing it, and searching for the robot anew.
+"""A filter that searches for robots that look lost, and believes what it finds if it is better.
 
-A gate keeps outliers out, but also the truth once the estimate has gone astray while its
-covariance is small. A robot counts as lost when most of its ranges, with several partners, were
-rejected for some seconds; its pose is then forgotten and estimated again from the next ranges.
+When many ranges of a robot contradict the estimate, the latest seconds are run once more from
+other poses of it. The ranges decide: only a belief under which all of them are far more probable
+takes the place of the old one, which otherwise runs on as if nothing had been tried.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
 import numpy as np
 
-from clt.filters.compiled import inlined, lean
+from clt.filters.evidence import log_densities
+from clt.filters.inputs import RangeTable
+from clt.filters.prior import Belief
+from clt.filters.problem import Problem
+from clt.filters.rivals import rivals_of
+from clt.filters.settings import FilterSettings
+from clt.filters.solution import Filter, Solution
+from clt.filters.suspicion import FOUND, SEARCHED, clear, look_lost, next_suspicion, unsuspected
+from clt.filters.trail import Piece, before, cut, piece_of, resumed, since
+from clt.geometry import wrap
 from clt.streams import Floats, Indices
 
-SINCE, ACCEPTED, CONTRADICTED, ACCUSER, LOST = 0, 1, 2, 3, 4
-"""Columns of a filter's memory: ns, ranges accepted and rejected since then, who disagreed, and how
-often the robot was lost."""
-NOBODY, SEVERAL = -1_000_000, -1_000_001
-"""Who contradicts a robot, where it is not one partner."""
-LOST_HEADING = 1.0
-"""Standard deviation of the heading of a robot that was lost, rad."""
+CLEARLY = 20.0
+"""Log-likelihood ratio by which a rival must be better than the old belief."""
+UNIQUE = 7.0
+"""The same by which it must be better than one elsewhere: a mirror image fits ranges as well."""
+REPLAYED = 2
+"""How much is run once more, and how long to wait after a vain search, in units of `reacquire`."""
 
 
-@inlined
-def widen(P: Floats, i: int, spread: float) -> None:
-    """Forget where robot i is: position to `spread` m, heading to LOST_HEADING, no correlation."""
-    for r in range(3 * i, 3 * i + 3):
-        for c in range(P.shape[0]):
-            P[r, c] = P[c, r] = 0.0
-    P[3 * i, 3 * i] = P[3 * i + 1, 3 * i + 1] = spread * spread
-    P[3 * i + 2, 3 * i + 2] = LOST_HEADING * LOST_HEADING
+class Memory(NamedTuple):
+    """What a run keeps beside its belief, to go on from here."""
+
+    filter: object
+    """The filter's own."""
+    record: Indices
+    """See `suspicion`."""
+    trail: tuple[Piece, ...]
+    """The latest seconds."""
 
 
-def fresh_memory(n: int, start: int) -> Indices:
-    """Memory of n robots, shape (n, 5), at the time `start` (ns)."""
-    return np.tile(np.array([start, 0, 0, NOBODY, 0]), (n, 1))
+class Replayed(NamedTuple):
+    """A belief that ran through a trail."""
+
+    began: Belief
+    solution: Solution
+    """Of the last piece."""
+    evidence: Floats
+    """Log-density of each range, (n,)."""
 
 
-@lean
-def remember(i: int, partner: int, used: bool, memory: Indices) -> None:
-    """Note for robot i that a range with `partner` was accepted or rejected."""
-    if i < 0:
-        return
-    if used:
-        memory[i, ACCEPTED] += 1
-        return
-    memory[i, CONTRADICTED] += 1
-    if memory[i, ACCUSER] == NOBODY:
-        memory[i, ACCUSER] = partner
-    elif memory[i, ACCUSER] != partner:
-        memory[i, ACCUSER] = SEVERAL
-
-
-@inlined
-def worst(i: int, a: Indices, b: Indices, residual: Floats, m: int, last: int) -> float:
-    """Largest absolute residual of robot i among the ranges m .. last - 1."""
-    largest = 0.0
-    for k in range(m, last):
-        if a[k] == i or b[k] == i:
-            largest = max(largest, abs(residual[k]))
-    return largest
-
-
-@lean
-def reacquire(
-    P: Floats, a: Indices, b: Indices, residual: Floats, m: int, last: int,
-    now: int, memory: Indices, patience: int,
-) -> bool:  # fmt: skip
-    """Widen the robots that most of their ranges contradicted over the last `patience` ns.
-
-    Ranges m .. last - 1 are those of the time `now` (ns). Only where several partners contradict:
-    one alone may be the one that is wrong. Returns whether any robot was lost.
-    """
-    any_lost = False
-    for i in range(memory.shape[0]):
-        if now - memory[i, SINCE] <= patience:
+def follow(problem: Problem, settings: FilterSettings, run: Filter) -> Solution:
+    """The solution of a filter `run` that searches for robots which look lost."""
+    patience = int(settings.reacquire * 1e9)
+    memory = remembered(problem, patience)
+    record, part = memory.record.copy(), replace(problem, memory=memory.filter)
+    solution = run(part, settings)
+    trail = (*memory.trail, piece_of(part, solution))
+    done: list[Solution] = []
+    m = 0
+    while True:
+        a, b, stamp = part.ranges.a, part.ranges.b, part.ranges.stamp
+        m = int(next_suspicion(record, a, b, stamp, solution.verdict, m, patience))
+        if m == stamp.size:
+            break
+        now, lost = int(stamp[m]), look_lost(record)
+        trail = since(trail, now - REPLAYED * patience, settings, run)
+        found = search(before(trail, now), np.flatnonzero(lost), settings, run)
+        record[lost, SEARCHED] += 1
+        if found is None:
+            clear(record, lost, now + REPLAYED * patience)
             continue
-        if memory[i, ACCUSER] == SEVERAL and memory[i, CONTRADICTED] > memory[i, ACCEPTED]:
-            spread = worst(i, a, b, residual, m, last)
-            if spread > 0.0:
-                widen(P, i, spread)
-                memory[i, LOST] += 1
-                any_lost = True
-        memory[i, SINCE], memory[i, ACCUSER] = now, NOBODY
-        memory[i, ACCEPTED] = memory[i, CONTRADICTED] = 0
-    return any_lost
+        record[lost, FOUND] += 1
+        clear(record, np.ones_like(lost), now + patience)
+        done.append(rows_of(solution, m, int(np.searchsorted(part.outputs.stamp, now))))
+        part, m = resumed(cut(part, now), found), 0
+        solution = run(part, settings)
+        trail = (piece_of(part, solution),)
+    kept = tuple(piece for piece in trail if piece.problem.end > part.end - REPLAYED * patience)
+    return replace(
+        joined([*done, solution]),
+        lost=record[:, SEARCHED].copy(),
+        found=record[:, FOUND].copy(),
+        memory=Memory(solution.memory, record, kept),
+    )
+
+
+def remembered(problem: Problem, patience: int) -> Memory:
+    """What the run that a problem goes on from kept; else what a first one begins with."""
+    if isinstance(problem.memory, Memory):
+        return problem.memory
+    return Memory(None, unsuspected(len(problem.robots), problem.start + patience), ())
+
+
+def search(
+    trail: Sequence[Piece], lost: Indices, settings: FilterSettings, run: Filter
+) -> Solution | None:
+    """Where the `lost` blocks (L,) are, at the end of a trail; None if that is not clearly better.
+
+    Nor if other positions are nearly as good. Blocks without ranges in the trail stay where they
+    are; an estimate that is not finite is lost for good.
+    """
+    ranges = RangeTable._make(
+        np.concatenate(columns)
+        for columns in zip(*(piece.problem.ranges for piece in trail), strict=True)
+    )
+    first = trail[0].problem
+    begun = Belief._make(column[:1] for column in first.belief)
+    old = evidence_of(ranges, trail)
+    lost = lost[np.isin(lost, [ranges.a, ranges.b])]
+    if lost.size == 0 or not (np.isfinite(begun.mean).all() and np.isfinite(old).all()):
+        return None
+    found = []
+    for turned in rivals_of(begun, first.lever, ranges, lost):
+        rivals = [replayed(trail, rival, ranges, settings, run) for rival in turned]
+        found.append(best_of(rivals, trail, ranges, lost, settings, run))
+    best, *others = sorted(found, key=lambda each: -each.evidence.sum())
+    if not best.evidence.sum() > old.sum() + CLEARLY:
+        return None
+    if any(other.evidence.sum() > best.evidence.sum() - UNIQUE for other in others):
+        return None
+    return best.solution
+
+
+def best_of(
+    rivals: Sequence[Replayed],
+    trail: Sequence[Piece],
+    ranges: RangeTable,
+    lost: Indices,
+    settings: FilterSettings,
+    run: Filter,
+) -> Replayed:
+    """The best of rivals that differ in heading; each lost block may have that of another one."""
+    own = np.array([(ranges.a == i) | (ranges.b == i) for i in lost], np.float64)
+    scores = np.array([own @ rival.evidence for rival in rivals])
+    chosen = np.argmax(scores, axis=0)
+    candidates = list(rivals)
+    if np.any(chosen != chosen[0]):
+        mixed = composed([rivals[k].began for k in chosen], lost)
+        candidates.append(replayed(trail, mixed, ranges, settings, run))
+    best = max(candidates, key=lambda rival: float(rival.evidence.sum()))
+    return best._replace(solution=unsure(best.solution, rivals, scores, lost))
+
+
+def evidence_of(ranges: RangeTable, runs: Sequence[Piece | Solution]) -> Floats:
+    """Log-density of each range (n,) by the innovations of successive runs; -inf where not finite.
+
+    `ranges` are those of all runs.
+    """
+    residual = np.concatenate([each.residual for each in runs])
+    variance = np.concatenate([each.variance for each in runs])
+    found: Floats = np.nan_to_num(log_densities(ranges, residual, variance), nan=-np.inf)
+    return found
+
+
+def replayed(
+    trail: Sequence[Piece],
+    began: Belief,
+    ranges: RangeTable,
+    settings: FilterSettings,
+    run: Filter,
+) -> Replayed:
+    """Run a belief through a trail whose ranges are given."""
+    first, *rest = (piece.problem for piece in trail)
+    runs = [run(replace(first, prior=None, belief=began, memory=None), settings)]
+    for problem in rest:
+        runs.append(run(resumed(problem, runs[-1]), settings))
+    return Replayed(began, runs[-1], evidence_of(ranges, runs))
+
+
+def composed(begun: Sequence[Belief], lost: Indices) -> Belief:
+    """One beginning in which each of the lost blocks (L,) is as in its own one of `begun` (L,)."""
+    x, P = begun[0].mean.copy(), begun[0].covariance.copy()
+    for i, theirs in zip(lost.tolist(), begun, strict=True):
+        own = slice(3 * i, 3 * i + 3)
+        x[0, own], P[0, own, own] = theirs.mean[0, own], theirs.covariance[0, own, own]
+    return Belief(begun[0].log_weight, x, P)
+
+
+def unsure(
+    solution: Solution, rivals: Sequence[Replayed], scores: Floats, lost: Indices
+) -> Solution:
+    """A solution that also knows how little the ranges of each lost block said of its heading.
+
+    scores: of each rival and lost block, (K, L). A robot that stands may have any heading.
+    """
+    P = solution.belief.covariance.copy()
+    for i, score in zip((3 * lost + 2).tolist(), scores.T, strict=True):
+        w = np.exp(score - score.max()) if np.isfinite(score.max()) else np.ones_like(score)
+        ends = np.array([rival.solution.belief.mean[0, i] for rival in rivals])
+        P[0, i, i] += w @ wrap(ends - solution.belief.mean[0, i]) ** 2 / w.sum()
+    return replace(solution, belief=solution.belief._replace(covariance=P))
+
+
+def rows_of(solution: Solution, m: int, o: int) -> Solution:
+    """The first m ranges and o outputs of a solution."""
+    return replace(
+        solution,
+        mean=solution.mean[:o],
+        covariance=solution.covariance[:o],
+        residual=solution.residual[:m],
+        variance=solution.variance[:m],
+        verdict=solution.verdict[:m],
+    )
+
+
+def joined(parts: Sequence[Solution]) -> Solution:
+    """Solutions one after the other; all but rows of ranges and outputs is the last one's."""
+    if len(parts) == 1:
+        return parts[0]
+    return replace(
+        parts[-1],
+        mean=np.concatenate([part.mean for part in parts]),
+        covariance=np.concatenate([part.covariance for part in parts]),
+        residual=np.concatenate([part.residual for part in parts]),
+        variance=np.concatenate([part.variance for part in parts]),
+        verdict=np.concatenate([part.verdict for part in parts]),
+    )

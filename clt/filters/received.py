@@ -16,6 +16,7 @@ import numpy as np
 
 from clt.errors import CltError
 from clt.filters.arrivals import epochs, feed, weighed_on_arrival
+from clt.filters.choices import View
 from clt.filters.gaussian import solve_ekf
 from clt.filters.heard import Driver, driver
 from clt.filters.inputs import RangeTable, correlation_time
@@ -23,7 +24,7 @@ from clt.filters.posterior import Posterior
 from clt.filters.problem import ABSOLUTE, Problem, cast_of, lay_out, tied
 from clt.filters.retrace import UNJUDGED, Replay, all_blocks, solve
 from clt.filters.settings import FilterSettings, Noise
-from clt.filters.space import WORLD, View
+from clt.filters.space import WORLD
 from clt.filters.world import SHI, Estimator, posterior_of, trajectories
 from clt.init.start import Start
 from clt.streams import Poses, Recording, Stamps
@@ -49,7 +50,8 @@ def replay(
     columns = {
         name: getattr(solution, name)[judged] for name in ("residual", "variance", "verdict")
     }
-    return posterior_of(recording, problem, replace(solution, **columns), estimator.filter)
+    solution = replace(solution, **columns)
+    return posterior_of(recording, problem, solution, settings, estimator.filter)
 
 
 def dead_reckon(
@@ -79,7 +81,8 @@ def lay_out_arrivals(
     end = min(max(last, problem.end), problem.end + lag)
     if end <= problem.start:
         raise CltError("no odometry comes after the initial poses: there is nothing to replay")
-    times = epochs(heard[0].arrival, problem.start, end)
+    others = [came.arrival, *(own.arrival for own in heard[1:])]
+    times = epochs(heard[0].arrival, problem.start, end, others)
     problem = replace(problem, ranges=table)
     return Replay(problem, drivers, came, times, settings.noise, lag), late
 

@@ -71,6 +71,7 @@ def solve(case: Replay, settings: FilterSettings, run: Filter) -> Solution:
         last.belief,
         np.concatenate(shares) if len(shares) > 0 else None,
         last.dropped,
+        found=last.found,
     )
 
 

@@ -71,8 +71,11 @@ class Ukf(Settings):
     """
 
     alpha: Positive = 1.0
+    """Share of sqrt(N + kappa) standard deviations at which sigma points stand."""
     beta: NotNegative = 2.0
+    """Added weight of the middle point in covariances, a pure number; 2 suits a Gaussian."""
     kappa: NotNegative = 0.0
+    """Added to N, the number of states, in the distance of sigma points: a pure number."""
 
 
 class Mixture(Settings):
@@ -132,10 +135,11 @@ class FilterSettings(Settings):
     cannot be fixed in the world, or turns about a robot that stands. auto: first with fewer than
     two fixed robots and in body frames. The UKF holds what they hold."""
     gate: NotNegative = 16.0
-    """A range is rejected when its NIS exceeds this; 0 accepts all."""
+    """A range is rejected when its NIS (a pure number) exceeds this; 0 accepts all."""
     reacquire: Positive = 3.0
-    """A robot is called lost, and searched for anew, when most of its ranges with several partners
-    were rejected over this many seconds."""
+    """A robot is searched for when more than 40 % of its ranges, with several partners, were
+    rejected over this time, s; what is found replaces the estimate where the ranges fit it clearly
+    better."""
     received: Received = Received()
     mixture: Mixture = Mixture()
     pf: Pf = Pf()

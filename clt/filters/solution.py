@@ -26,7 +26,7 @@ class Solution:
     verdict: Indices
     """`eskf.REJECTED` or `eskf.USED`."""
     lost: Indices
-    """How often each block was lost and searched for anew, shape (B,)."""
+    """How often each block looked lost and was searched for, shape (B,)."""
     belief: Belief
     """At the problem's end."""
     share: Floats | None = None
@@ -40,6 +40,8 @@ class Solution:
     """Messages and bytes that each robot sent and heard; none of a centralized filter."""
     apart: Mapping[str, float] = field(default_factory=dict)
     """Seconds that robots of a distributed filter could not reach the ego, if that was long."""
+    found: Indices | None = None
+    """How often what was found took the place of each block's estimate, (B,); None: never."""
 
 
 Filter = Callable[[Problem, FilterSettings], Solution]

@@ -13,11 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.errors import UsageError
 from clt.filters.compiled import inlined, lean
 from clt.filters.unicycle import arc
 from clt.geometry import relative_pose, rotation
-from clt.settings import nearest
 from clt.streams import Floats, Indices
 
 WORLD = -1
@@ -39,28 +37,6 @@ class Space(NamedTuple):
     calibration: Indices
     """State index of each driver's three odometry errors (`twist`) behind the blocks, shape (D,);
     -1 of a driver whose errors are not in the state."""
-
-
-class View(NamedTuple):
-    """A choice of frame, as a user makes it."""
-
-    kind: str
-    """world, ego or mutual."""
-    names: tuple[str, ...] = ()
-    """The ego; or the two robots."""
-
-
-def parse_view(text: str) -> View:
-    """`world`, `ego:NAME` or `mutual:A,B`. Raises UsageError for anything else."""
-    kind, colon, rest = text.partition(":")
-    names = tuple(rest.split(",")) if colon else ()
-    counts = {"world": 0, "ego": 1, "mutual": 2}
-    wanted = counts.get(kind)
-    if wanted is None:
-        raise UsageError(f"--frame {text}: unknown{nearest(kind, counts)}")
-    if wanted != len(names) or "" in names or len(set(names)) != len(names):
-        raise UsageError(f"--frame {text}: not world, ego:NAME or mutual:A,B")
-    return View(kind, names)
 
 
 ERRORS = 3

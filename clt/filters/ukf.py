@@ -10,6 +10,7 @@ own gate as in the error-state filter.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -27,11 +28,11 @@ from clt.filters.free import (
     hold_still,
     wanted,
 )
-from clt.filters.gaussian import process_form, remembered, single
+from clt.filters.gaussian import process_form, single
 from clt.filters.inputs import Outputs, RangeTable, Segments
 from clt.filters.problem import Problem
 from clt.filters.ranging import distance_of
-from clt.filters.reacquisition import LOST, reacquire, remember
+from clt.filters.reacquisition import follow
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Solution
 from clt.filters.space import Space, move, move_block, twist
@@ -60,8 +61,6 @@ class State(NamedTuple):
     """Covariance, shape (N, N)."""
     cursor: Indices
     """The twist segment that each driver is in."""
-    memory: Indices
-    """What each block's ranges said of late (`reacquisition`)."""
     G: Floats
     """Scratch: how the inputs' noise enters, shape (N, 2)."""
 
@@ -213,23 +212,13 @@ def innovate(
 @lean
 def correct(
     state: State, points: Points, lever: Floats, ranges: RangeTable, first: int, last: int,
-    gate: float, patience: int, space: Space, segments: Segments, free: Free, measured: Measured,
-    run: Run,
+    gate: float, space: Space, segments: Segments, free: Free, measured: Measured, run: Run,
 ) -> None:  # fmt: skip
-    """Gate and fuse the ranges of one instant, anew if they show that a robot was lost."""
-    a, b, memory = ranges.a, ranges.b, state.memory
+    """Gate and fuse the ranges of one instant."""
     x, P, cursor = state.x, state.P, state.cursor
-    lost, count, turns = True, 0, 0
-    while lost:
-        turns = find(x, P, space, ranges, first, last, segments, cursor, free)
-        draw_held(x, P, turns, free, points)
-        count = innovate(state, points, lever, ranges, first, last, gate, measured, run)
-        lost = reacquire(
-            state.P, a, b, run.residual, first, last, ranges.stamp[first], memory, patience
-        )
-    for k in range(first, last):
-        remember(a[k], b[k], run.verdict[k] == USED, memory)
-        remember(b[k], a[k], run.verdict[k] == USED, memory)
+    turns = find(x, P, space, ranges, first, last, segments, cursor, free)
+    draw_held(x, P, turns, free, points)
+    count = innovate(state, points, lever, ranges, first, last, gate, measured, run)
     fuse(x, P, points.L, measured, count, points.excess)
     exchange(x, P, space, ranges, first, last, segments, cursor, free, turns)
 
@@ -237,7 +226,7 @@ def correct(
 @lean
 def ukf(
     state: State, points: Points, start: int, end: int, space: Space, lever: Floats,
-    segments: Segments, ranges: RangeTable, outputs: Outputs, gate: float, patience: int,
+    segments: Segments, ranges: RangeTable, outputs: Outputs, gate: float,
     form: int, free: Free, measured: Measured, run: Run,
 ) -> None:  # fmt: skip
     """The filter over a whole log: fills `run`; `state` ends as the last posterior.
@@ -258,8 +247,7 @@ def ukf(
             last += 1
         if last > m:
             correct(
-                state, points, lever, ranges, m, last, gate, patience, space, segments, free,
-                measured, run,
+                state, points, lever, ranges, m, last, gate, space, segments, free, measured, run,
             )  # fmt: skip
             m = last
         if o < O and outputs.stamp[o] == now:
@@ -272,26 +260,36 @@ def ukf(
 
 
 def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:
-    """Run the unscented Kalman filter on a problem.
+    """Run the unscented Kalman filter on a problem and search for robots that look lost.
 
     Raises UsageError for Shi's process noise outside the world frame.
     """
+    return follow(problem, settings, partial(solve, hold=wanted(problem, settings)))
+
+
+def solve_alone(problem: Problem, settings: FilterSettings) -> Solution:
+    """Run the filter without a search for robots that look lost."""
+    return solve(problem, settings, hold=wanted(problem, settings))
+
+
+def solve(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
+    """Run the filter alone; `hold` what no range tells (`free`), decided once for a whole log."""
     form = process_form(problem, settings)
     x, P = problem.mean.astype(np.float64), problem.covariance.astype(np.float64)
-    segments, ranges, memory = problem.segments, problem.ranges, remembered(problem)
-    state = State(x, P, segments.first[:-1].copy(), memory.seen, np.zeros((x.size, 2)))
+    segments, ranges = problem.segments, problem.ranges
+    state = State(x, P, segments.first[:-1].copy(), np.zeros((x.size, 2)))
     M, O = ranges.stamp.size, problem.outputs.stamp.size  # noqa: E741
     run = Run(
         np.empty((O, 3)), np.empty((O, 3, 3)),
-        np.empty(M), np.empty(M), np.empty(M, np.int64), x, P, memory.seen[:, LOST],
+        np.empty(M), np.empty(M), np.empty(M, np.int64), x, P,
     )  # fmt: skip
     ukf(
         state, points_of(x.size, settings.ukf), problem.start, problem.end, problem.space,
         problem.lever, segments, ranges, problem.outputs, settings.gate,
-        int(settings.reacquire * 1e9), form, free_of(problem, wanted(problem, settings)),
+        form, free_of(problem, hold),
         measured_of(most_at_once(ranges.stamp), x.size), run,
     )  # fmt: skip
     return Solution(
-        run.mean, run.covariance, run.residual, run.variance, run.verdict, run.lost, single(x, P),
-        memory=memory,
+        run.mean, run.covariance, run.residual, run.variance, run.verdict,
+        np.zeros(len(problem.robots), np.int64), single(x, P),
     )  # fmt: skip

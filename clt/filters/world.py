@@ -5,28 +5,31 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri
 
 from clt.filters import dpf, eskf, filterpy_engine, gaussian, mixture, particles, ukf
+from clt.filters.choices import View
+from clt.filters.diagnosis import diagnosis
+from clt.filters.finite import sane
 from clt.filters.inputs import RangeTable
+from clt.filters.misfit import find_misfit
 from clt.filters.posterior import Posterior
 from clt.filters.prior import Belief, moments, sound, spread
 from clt.filters.problem import ABSOLUTE, Problem, lay_out
+from clt.filters.searches import found_again, not_found
 from clt.filters.settings import FilterSettings
 from clt.filters.solution import Filter, Solution
-from clt.filters.space import ERRORS, View
+from clt.filters.space import ERRORS, WORLD
+from clt.filters.start_draws import swayed
 from clt.geometry import ANY_HEADING
 from clt.init.start import Start
 from clt.streams import Floats, Innovations, Poses, Recording, Stamps
 
 UNIQUE = 0.999
 """A robot whose leading pose is less probable than this may be elsewhere."""
-BY_CHANCE = 1e-3
-"""Probability of a mean NIS that is not believed to be chance ..."""
-MISFIT = 1.3
-"""... if it is as large as this: smaller ones do no harm."""
 DROPPED = 0.01
 """Probability of hypotheses dropped for want of room that is worth a word."""
+IMPLAUSIBLE = 4.0
+"""An error of odometry of so many standard deviations is not believed."""
 LOST_SHARE = 0.5
 """A robot with more than this share of its ranges rejected is called diverged."""
 
@@ -45,6 +48,12 @@ FILTERPY: dict[str, Filter] = {
     "ukf": filterpy_engine.solve_ukf,
 }
 """The same through filterpy."""
+ALONE: dict[str, Filter] = {
+    "eskf": gaussian.solve_alone,
+    "ekf": gaussian.solve_alone,
+    "ukf": ukf.solve_alone,
+}
+"""Filters of one Gaussian, without their search for lost robots."""
 KEEP_ALL = frozenset({"mixture", "pf", "dpf"})
 """Filters that follow every hypothesis of a start, and tell which of them was true."""
 
@@ -89,29 +98,38 @@ def trajectories(problem: Problem, solution: Solution) -> dict[str, Poses]:
 
 def told(problem: Problem, block: int, covariance: Floats) -> Floats:
     """Covariances (n, 3, 3) of a block, without what a filter makes of a heading nobody knows."""
-    prior = problem.prior
-    if prior is None or prior.who[block] not in prior.places:
+    prior, heading = problem.prior, 3 * block + 2
+    unknown = prior is not None and prior.who[block] in prior.places
+    held = standing_block(problem, block) and problem.covariance[heading, heading] == 0.0
+    if not (unknown or held):
         return covariance
     P = covariance.copy()
     P[:, 2, :] = P[:, :, 2] = 0.0
-    P[:, 2, 2] = ANY_HEADING**2
+    if unknown:
+        P[:, 2, 2] = ANY_HEADING**2
     return P
 
 
+def standing_block(problem: Problem, block: int) -> bool:
+    """Whether a block is that of a static robot in the world: its heading is but a convention."""
+    first, driver = problem.segments.first, problem.space.who[block]
+    return bool(problem.space.base[block] == WORLD and first[driver] == first[driver + 1])
+
+
 def innovations(problem: Problem, solution: Solution, recording: Recording) -> Innovations:
-    """One row per range that the filter saw; none of one that it saw with lost certainty."""
-    judged = np.isfinite(solution.residual) & np.isfinite(solution.variance)
-    judged &= solution.variance > 0.0
-    row = problem.ranges.row[judged]
-    residual, variance = solution.residual[judged], solution.variance[judged]
+    """One row per range that the filter saw."""
+    row = problem.ranges.row
+    variance = np.where(solution.variance > 0.0, solution.variance, np.nan)
+    with np.errstate(over="ignore"):
+        nis = solution.residual**2 / variance
     return Innovations(
-        problem.ranges.stamp[judged],
+        problem.ranges.stamp,
         recording.ranges.source[row],
         recording.ranges.target[row],
-        residual,
+        solution.residual,
         np.sqrt(variance),
-        residual**2 / variance,
-        solution.verdict[judged] != eskf.REJECTED,
+        nis,
+        solution.verdict != eskf.REJECTED,
     )
 
 
@@ -122,20 +140,11 @@ def lost_robots(problem: Problem, solution: Solution) -> tuple[str, ...]:
         own = problem.outputs.robot == i
         touched = (problem.ranges.a == i) | (problem.ranges.b == i)
         rejected = float(np.mean(solution.verdict[touched] != eskf.USED)) if touched.any() else 0.0
-        numbers = np.isfinite(solution.mean[own]).all() and sound(solution.covariance[own])
+        covariance = solution.covariance[own]
+        numbers = sound(covariance) and bool(sane(solution.mean[own], covariance).all())
         if not numbers or rejected > LOST_SHARE:
             lost.append(name)
     return tuple(lost)
-
-
-def found_again(problem: Problem, solution: Solution) -> tuple[str, ...]:
-    """One line for each robot that the filter lost and searched for."""
-    return tuple(
-        f"{name} was lost {'once' if times == 1 else f'{times} times'}: most of its ranges "
-        "contradicted the estimate, so it was searched for anew"
-        for name, times in zip(problem.robots, solution.lost, strict=True)
-        if times > 0
-    )
 
 
 def became_unique(problem: Problem, solution: Solution) -> tuple[str, ...]:
@@ -177,29 +186,6 @@ def dropped(solution: Solution) -> tuple[str, ...]:
     return (line,)
 
 
-def misfit(problem: Problem, solution: Solution, filter_: str, *, decided: bool) -> tuple[str, ...]:
-    """A line where ranges scatter more than filter and sensors were told to.
-
-    `decided`: whether evidence of theirs has told several possible poses apart.
-    """
-    used = solution.verdict == eskf.USED
-    if not used.any():
-        return ()
-    nis = float(np.mean(solution.residual[used] ** 2 / solution.variance[used]))
-    table = problem.ranges
-    count = float(np.sum(table.variance[used] / table.weight_variance[used]))
-    most = float(chdtri(count, BY_CHANCE)) / count
-    if nis <= max(most, MISFIT):
-        return ()
-    line = (
-        f"the ranges scatter more than was told: mean NIS {nis:.2f} over {int(used.sum())} ranges, "
-        f"1 expected, {most:.2f} by chance at most; covariances are too small"
-    )
-    unsure = ", and what became unique may be wrong" if decided else ""
-    few = f", or {filter_}.particles, if they are too few" if filter_ in {"pf", "dpf"} else ""
-    return (f"{line}{unsure}: see noise.sigma_range, noise.scale, noise.bias, calibration{few}",)
-
-
 def shares(problem: Problem, solution: Solution, block: int) -> tuple[Floats, Stamps]:
     """Probability of a block's leading mode at each of its outputs, and their stamps (ns)."""
     own = problem.outputs.robot == block
@@ -223,6 +209,26 @@ def calibrated(problem: Problem, belief: Belief) -> tuple[str, ...]:
     return tuple(lines)
 
 
+def implausible(problem: Problem, belief: Belief, settings: FilterSettings) -> tuple[str, ...]:
+    """A line where errors of odometry are estimated far beyond what the settings allow for."""
+    lines = []
+    for d, name in enumerate(problem.drivers):
+        s = problem.space.calibration[d]
+        if s < 0:
+            continue
+        allowed = zip(("scale of v", "scale of omega", "bias"), settings.noise.lasting, strict=True)
+        for k, (what, sigma) in enumerate(allowed):
+            value, _ = spread(belief, s + k)
+            if sigma > 0.0 and abs(value) > IMPLAUSIBLE * sigma:
+                lines.append(
+                    f"odometry of {name}: the error of its {what} is estimated as {value:+.3f}, "
+                    f"{abs(value) / sigma:.1f} times the standard deviation that the settings "
+                    "state: the filter went astray, or noise.scale, noise.scale_omega, noise.bias "
+                    "are too small"
+                )
+    return tuple(lines)
+
+
 def talk(solution: Solution) -> tuple[str, ...]:
     """One line for each robot of a distributed filter: what it sent and heard."""
     return tuple(
@@ -242,6 +248,17 @@ def cut_off(problem: Problem, solution: Solution) -> tuple[str, ...]:
     )
 
 
+def between_fixed(problem: Problem, recording: Recording) -> tuple[str, ...]:
+    """A line on the ranges between robots that are held fixed, which no estimate needs."""
+    ends = np.append(problem.ranges.a, problem.ranges.b)
+    fixed = -1 - np.unique(ends[ends < 0])
+    ranges = recording.ranges
+    count = int(np.sum(np.isin(ranges.source, fixed) & np.isin(ranges.target, fixed)))
+    if count == 0:
+        return ()
+    return (f"{count} ranges between static robots of known position are left out",)
+
+
 def localize(
     recording: Recording,
     start: Start,
@@ -251,17 +268,45 @@ def localize(
     """Filter a log. Raises CltError where nothing can be estimated."""
     problem = lay_out(recording, start, settings, estimator.view)
     solution = estimator.run(problem, settings)
-    return posterior_of(recording, problem, solution, estimator.filter)
+    posterior = posterior_of(recording, problem, solution, settings, estimator.filter)
+    return replace(
+        posterior,
+        left_out=(*posterior.left_out, *swayed_robots(problem, solution, settings, estimator)),
+    )
+
+
+def swayed_robots(
+    problem: Problem, solution: Solution, settings: FilterSettings, estimator: Estimator
+) -> tuple[str, ...]:
+    """A line where the estimate of one Gaussian hangs on where its start was taken."""
+    alone = ALONE.get(estimator.filter)
+    if alone is None:
+        return ()
+    names = swayed(problem, solution, lambda other: alone(other, settings))
+    if len(names) == 0:
+        return ()
+    line = (
+        f"{', '.join(names)}: starts as likely as the given one lead elsewhere, further off than "
+        f"{estimator.filter} states: its start is too uncertain for one Gaussian; use --filter "
+        "mixture, or start from a better known pose"
+    )
+    return (line,)
 
 
 def posterior_of(
-    recording: Recording, problem: Problem, solution: Solution, filter_: str
+    recording: Recording,
+    problem: Problem,
+    solution: Solution,
+    settings: FilterSettings,
+    filter_: str,
 ) -> Posterior:
     """A solution in the terms of the recording."""
     ends = [moments(solution.belief, b) for b in range(len(problem.robots))]
     unique = became_unique(problem, solution)
     decided = len(unique) > 0
-    doubtful = (*dropped(solution), *misfit(problem, solution, filter_, decided=decided))
+    names, source = recording.team.names, recording.ranges.source
+    misfit = find_misfit(problem, solution, settings, source, names)
+    crowded = dropped(solution)
     return Posterior(
         filter_,
         problem.robots,
@@ -271,16 +316,24 @@ def posterior_of(
         np.array([told(problem, b, P[None])[0] for b, (_, P) in enumerate(ends)]),
         (
             *unique,
+            *not_found(problem, solution),
             *calibrated(problem, solution.belief),
             *talk(solution),
+            *between_fixed(problem, recording),
         ),
-        (*problem.notes, *(() if decided else doubtful)),
+        (*problem.notes, *(() if decided else crowded)),
         (
             *problem.left_out,
             *found_again(problem, solution),
             *cut_off(problem, solution),
             *ambiguous(problem, solution),
-            *(doubtful if decided else ()),
+            *implausible(problem, solution.belief, settings),
+            *(crowded if decided else ()),
+            *(
+                ()
+                if misfit is None
+                else (diagnosis(misfit, problem, names, filter_, decided=decided),)
+            ),
         ),
         lost_robots(problem, solution),
         solution.traffic,

@@ -29,10 +29,10 @@ import numpy as np
 
 from clt.errors import LogError
 from clt.importers.ends import check_ends
-from clt.importers.rosbag import bag_files, read_bag
 from clt.log import convert, ranging
+from clt.log.bag import bag_of
 from clt.log.faults import Faults
-from clt.log.reader import Log
+from clt.log.reader import Log, read
 from clt.log.roles import RangeStream, Stream, natural
 from clt.streams import Poses, Ranges, Recording, Robot, Team
 
@@ -51,7 +51,10 @@ SIGMA_V, SIGMA_OMEGA = 0.02, 0.012
 MIRRORED = 2_000_000
 """As far apart are the stamps of one range that both ends tell at most, ns."""
 
-files = bag_files
+
+def files(path: Path) -> tuple[Path, ...]:
+    """The file itself, or those of the bag in a folder. Raises LogError where there is none."""
+    return bag_of(path).files if path.is_dir() else (path,)
 
 
 class Carrier(NamedTuple):
@@ -64,14 +67,12 @@ class Carrier(NamedTuple):
 
 
 def read_tiers(path: Path) -> Recording:
-    """Read a bag: its folder, or one `.db3` or `.db3.gz` file.
+    """Read a bag: its folder or one file of it, as every log.
 
     Raises:
         LogError: naming the file, or the topic, that cannot be used.
     """
-    log = read_bag(
-        bag_files(path), lambda topic: any(p.fullmatch(topic) for p in (ODOMETRY, TRUTH, RANGE))
-    )
+    log = read(path, lambda topic, _: any(p.fullmatch(topic) for p in (ODOMETRY, TRUTH, RANGE)))
     topics = [topic.name for topic in log.topics.values() if topic.count > 0]
     pairs = _pairs(log, topics)
     if len(pairs) == 0:

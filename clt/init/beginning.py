@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clt.errors import CltError
 from clt.init.start import odometry_begin
 from clt.streams import Recording
 
@@ -36,7 +37,7 @@ def beginning(recording: Recording, moving: Sequence[str]) -> Beginning:
     """When most of the `moving` robots have odometry and two static ones are heard.
 
     A robot that comes a little later is waited for; one that comes much later, or whose odometry
-    has ended by then, is left out.
+    has ended by then, is left out. Raises CltError where none remains.
     """
     begins = {name: odometry_begin(recording, name) for name in moving}
     first = sorted(begins.values())[(len(begins) - 1) // 2]
@@ -62,6 +63,9 @@ def beginning(recording: Recording, moving: Sequence[str]) -> Beginning:
         if name not in absent and int(recording.odometry[name].stamp[-1]) <= stamp
     }
     names = tuple(name for name in moving if name not in absent)
+    if len(names) == 0:
+        name, why = next(iter(absent.items()))
+        raise CltError(f"no moving robot can be initialized: {name}: {why}")
     if stamp - first > WAITING:
         last = max(names, key=lambda name: begins[name])
         notes.append(

@@ -1,8 +1,9 @@
 """The frame of a team: where its static robots are, given or built from ranges.
 
 With two known positions the frame is theirs, `world`. Otherwise it is Shi's: the first static
-robot at the origin, the second on the +x axis. Ranges alone do not tell a layout from its mirror
-image, so a layout that is not on one line comes twice.
+robot at the origin, the second on the +x axis. Ranges alone do not distinguish a layout from its
+mirror image, so a layout that is not on one line comes twice, and so does every other layout that
+the distances leave possible.
 """
 
 from __future__ import annotations
@@ -11,10 +12,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clt.filters.settings import FilterSettings
-from clt.init.layout import Layout, lay_out, mirrored
+from clt.init.layout import Layout, Other, lay_out, mirrored, noise_of
+from clt.init.lines import apart, on_one_line, widest_pair
 from clt.init.pairs import Pairs, mean_distances
+from clt.init.places import Place, distinct
 from clt.streams import Floats, Recording
 
 SURVEY = 10_000_000_000
@@ -22,10 +26,15 @@ SURVEY = 10_000_000_000
 longer as long as they do not tie all static robots together."""
 LEAST_STANDSTILL = 500_000_000
 """A common standstill that is worth a layout of the whole team, ns."""
+ONE_UNKNOWN = "only one static robot, {}: the whole team may turn or shift unseen; two are needed"
+ONE_KNOWN = (
+    "only one static robot, {}: the whole team may turn around its known position unseen; the pose "
+    "of one moving robot in a TOML file (--init FILE) or a second static robot is needed"
+)
+MOST = 8
+"""Arrangements of the static robots, up to mirror images, among which the moving ones decide."""
 LOOSE = 0.3
 """Standard deviation that leaves the say on an uncertain position to the ranges, m."""
-FLAT = 0.05
-"""Static robots closer than this to one line, as a share of its length, are on it."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +47,9 @@ class Frame:
     """Every placed static robot, (2,), m."""
     loose: Mapping[str, Floats]
     """Standard deviations (3,) to start from, of those whose position ranges shall refine."""
-    standing: Mapping[str, Floats]
-    """Antenna positions (2,) of moving robots that stood still; each may be its mirror image."""
+    standing: Mapping[str, tuple[Floats, ...]]
+    """Possible antenna positions (2,) of moving robots that stood still, the most probable first;
+    each may be its mirror image."""
     covariance: Mapping[str, Floats]
     """By the layout, (2, 2), of `loose` and `standing`."""
     on_a_line: bool
@@ -47,6 +57,8 @@ class Frame:
 
     axis: tuple[Floats, Floats]
     """Two points (2,) of the line at which a layout is not told from its mirror image."""
+    log_weight: float = 0.0
+    """Logarithm of its probability by the distances of those that stand."""
 
     def reflect(self, point: Floats) -> Floats:
         """The mirror image of a point at that line."""
@@ -72,8 +84,12 @@ def survey(
     team = recording.team
     static = list(team.static)
     if len(static) < 2:
-        have = f"only one static robot, {static[0].name}" if len(static) == 1 else "no static robot"
-        return Survey((), f"{have}: the whole team may turn or shift unseen; two are needed")
+        if len(static) == 0:
+            return Survey(
+                (), "no static robot: the whole team may turn or shift unseen; two are needed"
+            )
+        name, placed = static[0].name, static[0].position is not None
+        return Survey((), (ONE_KNOWN if placed else ONE_UNKNOWN).format(name))
     known = {r.name: np.array(r.position) for r in static if r.position is not None}
     surveyed = len(known) >= 2 and apart(list(known.values()))
     notes: tuple[str, ...] = ()
@@ -136,42 +152,101 @@ def _arrangements(
     found: Layout,
     notes: tuple[str, ...],
 ) -> Survey:
-    """Frames from a layout: two where its mirror image differs."""
+    """Frames from the possible layouts: two of each where its mirror image differs."""
     lost = [name for i, name in enumerate(names[:static]) if not found.rigid[i]]
-    placed = {n: found.position[i] for i, n in enumerate(names[:static]) if n not in lost}
-    if len(placed) < 2:
+    held = [name for name in names[:static] if name not in lost]
+    if len(held) < 2:
         return Survey((), f"too few ranges between the static robots to place {', '.join(lost)}")
     if len(lost) > 0:
         notes = (*notes, f"too few ranges to place {', '.join(lost)}: left out")
+    first = Other(found.position, found.covariance, found.probability)
+    groups = _groups([first, *found.others], [names.index(name) for name in held])
+    if len(groups) > MOST:
+        groups = groups[:1]
+        moved = _moved([first, *found.others], [names.index(name) for name in held])
+        open_ = [name for name in held if names.index(name) in moved]
+        held = [name for name in held if name not in open_]
+        if len(held) < 2:
+            why = f"too many layouts fit the ranges between the static robots {', '.join(open_)}"
+            return Survey((), why)
+        notes = (*notes, f"too many places are possible of {', '.join(open_)}: left out")
+    frames: list[Frame] = []
+    for group in groups:
+        frames += _both_sides(names, static, held, known, found.rigid, group)
+    return Survey(tuple(frames), notes=notes)
+
+
+def _groups(layouts: list[Other], nodes: list[int]) -> list[list[Other]]:
+    """Layouts in which some nodes stand at the same places, the most probable first."""
+    groups: list[list[Other]] = []
+    for one in layouts:
+        same = next((g for g in groups if len(_moved([g[0], one], nodes)) == 0), None)
+        if same is None:
+            groups.append([one])
+        else:
+            same.append(one)
+    return groups
+
+
+def _moved(layouts: list[Other], nodes: list[int]) -> set[int]:
+    """Which of some nodes are not at the same place in all layouts."""
+    first = layouts[0]
+    return {
+        i
+        for other in layouts[1:]
+        for i in nodes
+        if np.hypot(*(other.position[i] - first.position[i]))
+        > noise_of(first.covariance, other.covariance)[i]
+    }
+
+
+def _both_sides(
+    names: list[str],
+    static: int,
+    held: list[str],
+    known: dict[str, Floats],
+    rigid: NDArray[np.bool_],
+    group: list[Other],
+) -> list[Frame]:
+    """The frame of a group of layouts that agree on the static robots, and its mirror image."""
+    found = group[0]
+    placed = {name: found.position[names.index(name)] for name in held}
     loose = {}
     for name in placed:
         i = names.index(name)
         free = found.covariance.diagonal()[2 * i : 2 * i + 2] > 0.0
         if free.any():
             loose[name] = np.append(np.where(free, LOOSE, 0.0), 0.0)
-    standing = {
-        name: found.position[i] for i, name in enumerate(names) if i >= static and found.rigid[i]
-    }
+    standing = {name: _places(group, i) for i, name in enumerate(names) if i >= static and rigid[i]}
     spread = {n: _block(found, names.index(n)) for n in (*loose, *standing)}
     surveyed = len(known) >= 2
     base = list(known.values()) if surveyed else [placed[name] for name in list(placed)[:2]]
-    one = _frame(surveyed, placed, loose, standing, spread, base)
+    weight = float(np.log(sum(one.probability for one in group)))
+    one = _frame(surveyed, placed, loose, standing, spread, base, weight)
     if not on_one_line(base) or on_one_line([*base, *placed.values()]):
-        return Survey((one,), notes=notes)
+        return [one]
     a, b = widest_pair(base)
     flip = mirrored(np.eye(2), np.zeros(2), b - a)
     other = _frame(
         surveyed,
         {name: mirrored(p, a, b) if name in loose else p for name, p in placed.items()},
         loose,
-        {name: mirrored(p, a, b) for name, p in standing.items()},
+        {name: tuple(mirrored(p, a, b) for p in places) for name, places in standing.items()},
         {name: flip @ P @ flip for name, P in spread.items()},
         base,
+        weight,
     )
-    return Survey((one, other), notes=notes)
+    return [one, other]
 
 
-def _block(found: Layout, i: int) -> Floats:
+def _places(group: list[Other], i: int) -> tuple[Floats, ...]:
+    """Where node i may be in a group of layouts."""
+    part = slice(2 * i, 2 * i + 2)
+    found = [Place(one.position[i], one.covariance[part, part], one.probability) for one in group]
+    return tuple(place.position for place in distinct(found))
+
+
+def _block(found: Other, i: int) -> Floats:
     return np.asarray(found.covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2])
 
 
@@ -179,33 +254,12 @@ def _frame(
     surveyed: bool,
     anchors: dict[str, Floats],
     loose: dict[str, Floats],
-    standing: dict[str, Floats],
+    standing: dict[str, tuple[Floats, ...]],
     covariance: dict[str, Floats],
     base: list[Floats],
+    log_weight: float = 0.0,
 ) -> Frame:
     """The frame that the robots at `base` hold."""
     line = on_one_line(list(anchors.values()))
     axis = widest_pair(list(anchors.values()) if line else base)
-    return Frame(surveyed, anchors, loose, standing, covariance, line, axis)
-
-
-def widest_pair(points: list[Floats]) -> tuple[Floats, Floats]:
-    """The two points that lie furthest apart."""
-    p = np.array(points)
-    d = np.hypot(*np.moveaxis(p[:, None] - p[None, :], -1, 0))
-    i, j = np.unravel_index(int(np.argmax(d)), d.shape)
-    return p[min(i, j)], p[max(i, j)]
-
-
-def on_one_line(points: list[Floats]) -> bool:
-    """No point is off the line of the two furthest apart by more than FLAT of its length."""
-    a, b = widest_pair(points)
-    length = float(np.hypot(*(b - a)))
-    off = [abs((b - a)[0] * (p - a)[1] - (b - a)[1] * (p - a)[0]) / length for p in points]
-    return bool(max(off) <= FLAT * length)
-
-
-def apart(points: list[Floats]) -> bool:
-    """The points do not all coincide."""
-    a, b = widest_pair(points)
-    return bool(np.hypot(*(b - a)) > 1e-6)
+    return Frame(surveyed, anchors, loose, standing, covariance, line, axis, log_weight)

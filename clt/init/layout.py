@@ -2,8 +2,9 @@
 
 Shi's cost L(p) = sum (d_ij - |p_i - p_j|)^2, weighted, from a start by multidimensional scaling.
 It has no gauge of its own (errata): either some positions are known, or the first node is put at
-the origin and the second on the +x axis. The mirror image at the line of two nodes fits equally:
-what comes back has the node furthest from that line on its left.
+the origin and the second on the +x axis. The mirror image of the whole at the line of two nodes
+fits equally: what comes back has the node furthest from that line on its left. Whatever else the
+distances leave possible, such as mirror images of parts, comes back beside it.
 """
 
 from __future__ import annotations
@@ -17,11 +18,29 @@ from scipy.optimize import least_squares
 from scipy.special import chdtri
 
 from clt.init.guesses import RESTARTS, shaken, starts
+from clt.init.lines import on_one_line, widest_pair
 from clt.init.pairs import Pairs
+from clt.init.places import DISTINCT
+from clt.init.realizations import SAME, Nodes, realizations, spread
 from clt.streams import Floats
 
 RIGID = 1e-9
 """Smallest eigenvalue of a rigid layout's normal matrix, as a share of the largest."""
+
+
+POSSIBLE = 1e-4
+"""Probability below which another layout is no alternative."""
+
+
+@dataclass(frozen=True)
+class Other:
+    """Another layout that fits nearly as well."""
+
+    position: Floats
+    """(n, 2), m."""
+    covariance: Floats
+    """(2n, 2n), m^2."""
+    probability: float
 
 
 @dataclass(frozen=True)
@@ -37,7 +56,11 @@ class Layout:
     used: NDArray[np.bool_]
     """Pairs that are no outliers."""
     rigid: NDArray[np.bool_]
-    """(n,): the distances determine this position, up to the mirror image."""
+    """(n,): the distances determine this position, up to mirror images."""
+    probability: float = 1.0
+    """Of this layout among the `others`, which differ by more than a mirror image of the whole."""
+    others: tuple[Other, ...] = ()
+    """The most probable first."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +77,9 @@ class _Problem:
         position = self.fixed.copy()
         position[self.free] = parameters
         return position
+
+    def nodes(self, known: Mapping[int, Floats]) -> Nodes:
+        return Nodes(self.pairs, self.free, len(known) > 0)
 
     def residual(self, parameters: Floats) -> Floats:
         """(|p_a - p_b| - d) / sigma, shape (m,)."""
@@ -85,18 +111,93 @@ def lay_out(pairs: Pairs, n: int, known: Mapping[int, Floats]) -> Layout:
     guesses = starts(pairs, n, known)
     best = min((_fit(problem, start) for start in guesses), key=_cost)
     used = np.ones(pairs.a.size, np.bool_)
-    if pairs.a.size < n * (n - 1) // 2 or _contradictory(problem, best):
+    sparse = pairs.a.size < n * (n - 1) // 2
+    found = _realizations(problem, best, known, sparse)
+    best = (found[0][0][problem.free], found[0][1])
+    if _contradictory(problem, best):
         more = [shaken(start, k) for start in guesses for k in range(RESTARTS)]
         best = min([best, *(_fit(problem, start) for start in more)], key=_cost)
         if _contradictory(problem, best):
             robust = min((_fit(problem, s, robust=True) for s in (*guesses, *more)), key=_cost)
             best, used = _without_outliers(problem, best, problem.place(robust[0]))
             problem = replace(problem, pairs=_select(pairs, used))
-    position, covariance, rigid = _covariance(problem, *best)
-    if len(known) < 2:
+            found = _realizations(problem, best, known, sparse)
+    return _layout(pairs, used, problem, found, known)
+
+
+def _realizations(
+    problem: _Problem, best: tuple[Floats, float], known: Mapping[int, Floats], sparse: bool
+) -> list[tuple[Floats, float]]:
+    """All layouts that are possible, from one of them; those that move loose nodes only are one."""
+    rigid = _covariance(problem, *best)[2]
+    return realizations(problem.nodes(known), problem.place(best[0]), rigid, sparse)
+
+
+def _layout(
+    pairs: Pairs,
+    used: NDArray[np.bool_],
+    problem: _Problem,
+    found: list[tuple[Floats, float]],
+    known: Mapping[int, Floats],
+) -> Layout:
+    """The best of the layouts that were found, with those that are clearly another one.
+
+    Others that lie within its noise widen its covariance.
+    """
+    refined = [_fit(problem, position) for position, _ in found]
+    refined.sort(key=_cost)
+    scale = spread(problem.nodes(known), refined[0][1])
+    weight = np.exp(-0.5 * (np.array([cost for _, cost in refined]) - refined[0][1]) / scale)
+    position, covariance, rigid = _covariance(problem, *refined[0])
+    if len(known) == 0:
         position, covariance = _conventional(position, covariance)
-    whole = np.hypot(*(position[pairs.a] - position[pairs.b]).T)
-    return Layout(position, covariance, pairs.distance - whole, used, rigid)
+    others: list[Other] = []
+    wide, total = covariance * weight[0], weight[0]
+    for parameters, w in zip(refined[1:], weight[1:].tolist(), strict=True):
+        own, P, _ = _covariance(problem, *parameters)
+        own, P = min(_images(own, P, known), key=lambda image: _off(image[0], position, rigid))
+        seen = [position, *(other.position for other in others)]
+        if any(_off(own, one, rigid)[0] == 0 for one in seen):
+            continue
+        off = np.where(rigid, np.hypot(*(own - position).T), 0.0)
+        if (off > noise_of(covariance, P)).any():
+            others.append(Other(own, P, w))
+        else:
+            e = np.where(rigid[:, None], own - position, 0.0).ravel()
+            wide, total = wide + w * (P + np.outer(e, e)), total + w
+    everything = total + sum(other.probability for other in others)
+    likely = tuple(
+        replace(other, probability=other.probability / everything)
+        for other in others
+        if other.probability > POSSIBLE * everything
+    )
+    left = pairs.distance - np.hypot(*(position[pairs.a] - position[pairs.b]).T)
+    best = float(total / everything)
+    return Layout(position, wide / total, left, used, rigid, best, likely)
+
+
+def noise_of(P: Floats, Q: Floats) -> Floats:
+    """Distance (n,) up to which places of covariances (2n, 2n) may be the same, m."""
+    variance = P.diagonal() + Q.diagonal()
+    return np.asarray(DISTINCT + 3.0 * np.sqrt(variance.reshape(-1, 2).sum(axis=1)))
+
+
+def _off(position: Floats, other: Floats, rigid: NDArray[np.bool_]) -> tuple[int, float]:
+    """How many nodes are elsewhere, and how far all of them together, m."""
+    off = np.hypot(*(position - other)[rigid].T)
+    return int(np.sum(off > SAME)), float(np.sum(off))
+
+
+def _images(
+    position: Floats, covariance: Floats, known: Mapping[int, Floats]
+) -> list[tuple[Floats, Floats]]:
+    """A layout and, where the frame allows it, its mirror image."""
+    places = list(known.values())
+    if len(places) > 0 and not on_one_line(places):
+        return [(position, covariance)]
+    a, b = widest_pair(places) if len(places) > 0 else (np.zeros(2), np.array([1.0, 0.0]))
+    flip = np.kron(np.eye(len(position)), mirrored(np.eye(2), np.zeros(2), b - a))
+    return [(position, covariance), (mirrored(position, a, b), flip @ covariance @ flip)]
 
 
 def mirrored(position: Floats, a: Floats, b: Floats) -> Floats:

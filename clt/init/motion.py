@@ -8,26 +8,39 @@ Pairs whose ranges contradict all others are left out.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from clt.errors import CltError
 from clt.filters.settings import FilterSettings
 from clt.init.agreement import suspects
 from clt.init.beginning import beginning
 from clt.init.frame import Frame, Survey, survey
+from clt.init.lines import on_one_line
 from clt.init.outcome import ambiguous, settled_robots, standing_robot, static_robots
 from clt.init.pairs import without
-from clt.init.search import Search, search
+from clt.init.search import Search, same_pose, search
 from clt.init.standstill import standstill
 from clt.init.static import from_static
 from clt.init.status import Initialization, RobotStatus, unobservable
 from clt.init.team import Combination, Settled, Verdict, judge_team, settle
-from clt.streams import Floats, Recording
+from clt.streams import WORLD, Floats, Recording
 
 CERTAIN = 0.9999
 """Probability from which a pose is taken; below it the robot is ambiguous."""
 BAD_NIS = 4.0
 """Mean NIS beyond which ranges and odometry contradict each other."""
+BY_RANGES = (
+    "ranges do not distinguish this frame from its mirror image: taken is the one in which "
+    "positive omega turns counter-clockwise; three surveyed robots off one line would decide"
+)
+ON_A_LINE = (
+    "the frame rests on {} alone: its mirror image at their line and, with their positions "
+    "exchanged, a world turned by half fit the ranges as well; taken are the positions as given "
+    "and the side on which positive omega turns counter-clockwise; a third surveyed robot off "
+    "their line or one known heading would decide"
+)
 REMEDY = (
     "calibrate ranges and odometry, or check noise.sigma_range, noise.sigma_v and "
     "noise.sigma_omega, or give poses in a TOML file (--init FILE)"
@@ -56,6 +69,16 @@ class Attempt:
             return {}
         return {n: c for n, c in self.verdict.best.items() if n in self.settled.names}
 
+    @property
+    def possible(self) -> tuple[tuple[Frame, float], ...]:
+        """Frames that remain possible and their probabilities, the chosen one first."""
+        frames = self.survey.frames
+        if self.verdict is None:
+            found = [(frame, float(np.exp(frame.log_weight))) for frame in frames]
+        else:
+            found = [(frames[i], p) for i, p in self.verdict.frames.items()]
+        return tuple(sorted(found, key=lambda one: (one[0] is not self.frame, -one[1])))
+
 
 def from_motion(recording: Recording, settings: FilterSettings) -> Initialization:
     """Initialize every moving robot that has odometry, at the instant when most of them have.
@@ -75,13 +98,29 @@ def from_motion(recording: Recording, settings: FilterSettings) -> Initializatio
     found = tried.survey
     robots = {robot.name: unobservable("no odometry") for robot in team.moving}
     robots |= {name: unobservable(why) for name, why in when.absent.items()}
-    robots |= static_robots(team, found, tried.frame)
+    robots |= static_robots(team, found, tried.possible)
     robots |= {name: unobservable(found.why) for name in when.names}
     if len(found.frames) > 0:
         robots |= statuses(tried, doubt)
     surveyed = len(found.frames) > 0 and found.frames[0].surveyed
     ordered = {robot.name: robots[robot.name] for robot in team.robots}
-    return Initialization(when.stamp, surveyed, ordered, (*when.notes, *found.notes, *notes))
+    said = (*when.notes, *found.notes, *notes)
+    frame = team.frame if surveyed else WORLD
+    assumed = mirror_taken(tried)
+    return Initialization(when.stamp, surveyed, ordered, said, frame=frame, assumed=assumed)
+
+
+def mirror_taken(tried: Attempt) -> tuple[str, ...]:
+    """By what a frame was told from its mirror image, where surveyed positions do not do that."""
+    if tried.frame is None or len(tried.chosen) == 0:
+        return ()
+    robots = tried.recording.team.static
+    known = {r.name: np.array(r.position) for r in robots if r.position is not None}
+    if not tried.frame.surveyed:
+        return (BY_RANGES,)
+    if on_one_line(list(known.values())):
+        return (ON_A_LINE.format(" and ".join(known)),)
+    return ()
 
 
 def agreed(
@@ -142,12 +181,16 @@ def attempt(
         name: candidate
         for name, candidate in verdict.best.items()
         if verdict.shares[name][0][1] >= CERTAIN
+        and same_pose(candidate.pose, verdict.shares[name][0][0].pose)
     }
     if len(chosen) == 0:
         return Attempt(recording, found, searches, verdict)
     frame = found.frames[next(iter(chosen.values())).frame]
-    settled = settle(recording, chosen, frame, span, still, settings)
-    return Attempt(recording, found, searches, verdict, frame, settled)
+    tried = Attempt(recording, found, searches, verdict, frame)
+    static = static_robots(recording.team, found, tried.possible)
+    unsure = {name for name, robot in static.items() if robot.status == "ambiguous"}
+    settled = settle(recording, chosen, frame, unsure, span, still, settings)
+    return replace(tried, settled=settled)
 
 
 def searched(
@@ -190,7 +233,7 @@ def statuses(tried: Attempt, doubt: str) -> dict[str, RobotStatus]:
         if tried.settled is not None:
             told |= settled_robots(tried.settled, tried.verdict, doubt)
             poses = {name: candidate.pose.mean for name, candidate in tried.chosen.items()}
-    possible = frames if tried.frame is None else (tried.frame,)
+    possible = tuple(frame for frame, _ in tried.possible)
     told |= {
         name: standing_robot(team.robots[team.index(name)], one.why, possible, poses)
         for name, one in tried.searches.items()

@@ -9,6 +9,7 @@ import numpy as np
 from clt.geometry import wrap
 from clt.init.bank import Refined
 from clt.init.frame import Frame, Survey
+from clt.init.places import Place, distinct
 from clt.init.search import Candidate
 from clt.init.start import InitialPose, fixed_pose
 from clt.init.status import Alternative, RobotStatus, Status, unobservable
@@ -19,6 +20,11 @@ MIRROR_PLACE, MIRROR_HEADING = 0.3, 0.3
 """A pose this close to the mirror image of another, m and rad, beyond three sigma, is that."""
 
 TOO_FEW = "too few ranges to place it"
+WHOLE = "ranges alone do not tell the layout from its mirror image; let the robots turn"
+PART = (
+    "a mirror image of a part of the layout fits the ranges as well; ranges between more pairs, or "
+    "its position in the log, would decide"
+)
 
 
 def ambiguous(name: str, verdict: Verdict, frames: tuple[Frame, ...]) -> RobotStatus:
@@ -74,8 +80,10 @@ def settled_robots(settled: Settled, verdict: Verdict, doubt: str) -> dict[str, 
     return found
 
 
-def static_robots(team: Team, found: Survey, frame: Frame | None) -> dict[str, RobotStatus]:
-    """Static robots by the layout alone; `frame` is the one that the moving robots chose."""
+def static_robots(
+    team: Team, found: Survey, possible: tuple[tuple[Frame, float], ...]
+) -> dict[str, RobotStatus]:
+    """Static robots by the layout alone, in the frames that remain `possible`."""
     told = {}
     for robot in team.static:
         known = fixed_pose(robot)
@@ -86,22 +94,36 @@ def static_robots(team: Team, found: Survey, frame: Frame | None) -> dict[str, R
         elif robot.name not in found.frames[0].anchors:
             told[robot.name] = unobservable(TOO_FEW)
         else:
-            frames = (frame,) if frame is not None else found.frames
-            told[robot.name] = _placed(robot, frames)
+            told[robot.name] = _placed(robot, possible)
     return told
 
 
-def _placed(robot: Robot, frames: tuple[Frame, ...]) -> RobotStatus:
+def _placed(robot: Robot, possible: tuple[tuple[Frame, float], ...]) -> RobotStatus:
     """A static robot in the frames that remain possible."""
-    covariance, free = np.zeros((3, 3)), robot.name in frames[0].loose
-    if free:
-        covariance[:2, :2] = frames[0].covariance[robot.name]
-    means = [np.append(frame.anchors[robot.name], 0.0) for frame in frames]
-    pose = InitialPose(means[0], covariance)
-    if not free or len(means) == 1:
+    certain = np.zeros((2, 2))
+    places = [
+        Place(
+            frame.anchors[robot.name],
+            frame.covariance[robot.name] if robot.name in frame.loose else certain,
+            probability,
+        )
+        for frame, probability in possible
+    ]
+    if any(frame.log_weight != possible[0][0].log_weight for frame, _ in possible):
+        return one_of(places, PART)
+    return one_of(places, WHOLE)
+
+
+def one_of(places: list[Place], why: str) -> RobotStatus:
+    """A static robot at one of several places; `why` says so where they differ."""
+    best, *rest = distinct(places)
+    covariance = np.zeros((3, 3))
+    covariance[:2, :2] = best.covariance
+    pose = InitialPose(np.append(best.position, 0.0), covariance)
+    if len(rest) == 0:
         return RobotStatus("ok", pose)
-    why = "ranges alone do not tell the layout from its mirror image; let the robots turn"
-    return RobotStatus("ambiguous", pose, 0.5, why, (Alternative(means[1], 0.5),))
+    others = tuple(Alternative(np.append(p.position, 0.0), p.probability) for p in rest)
+    return RobotStatus("ambiguous", pose, best.probability, why, others)
 
 
 def standing_robot(
@@ -113,9 +135,9 @@ def standing_robot(
     """
     if robot.name not in frames[0].standing:
         return unobservable(why)
-    places = [frame.standing[robot.name] for frame in frames]
+    places = [p for frame in frames for p in frame.standing.get(robot.name, ())]
     if len(frames) == 1 and frames[0].on_a_line:
-        places = _sides(frames[0], places[0], poses)
+        places = [side for place in places for side in _sides(frames[0], place, poses)]
     covariance = np.diag([0.0, 0.0, np.pi**2])
     arm = float(np.hypot(*robot.antenna))
     covariance[:2, :2] = frames[0].covariance[robot.name] + 0.5 * arm**2 * np.eye(2)
@@ -129,8 +151,8 @@ def _sides(frame: Frame, place: Floats, poses: Mapping[str, Floats]) -> list[Flo
     """A place of the layout, its mirror image, or both: as robots that are found have it."""
     both = [place, frame.reflect(place)]
     for name, pose in poses.items():
-        if name in frame.standing:
-            here = frame.standing[name]
+        if len(frame.standing.get(name, ())) == 1:
+            (here,) = frame.standing[name]
             off = [np.hypot(*(p - pose[:2])) for p in (here, frame.reflect(here))]
             if max(off) > 1.0 and min(off) < 0.5 * max(off):
                 return [both[int(np.argmin(off))]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from clt.errors import CltError
 from clt.filters.settings import FilterSettings
 from clt.geometry import ANY_HEADING, wrap
 from clt.init.pair_graph import Edges, Joint, combine
-from clt.init.pair_hypotheses import CERTAIN, sharp
+from clt.init.pair_hypotheses import CERTAIN, Hypotheses, sharp
 from clt.init.pair_outliers import bound
 from clt.init.pairwise import cut_pair, solve_pair
 from clt.init.start import Hypothesis, InitialPose, odometry_begin
@@ -40,6 +41,15 @@ TOO_MANY = (
     "left out; " + DRIVE
 )
 CONTRADICT = "the pairs of the team contradict each other; " + DRIVE
+UNUSED = (
+    "the surveyed position of {} is not used in the frame of {}: to start in the world, give the "
+    "pose of a moving robot in a TOML file (--init FILE)"
+)
+ROOT = ""
+"""What stands for the frame itself among the robots, where poses in it are given."""
+GIVEN = 1e-6
+"""Standard deviation (m, rad) of what is given as certain."""
+NOTHING_GIVEN: Mapping[str, InitialPose] = {}
 FINEST = 1e-3
 """Standard deviation (m, rad) beyond which narrower is not better."""
 OVERLAP = 9.0
@@ -47,30 +57,41 @@ OVERLAP = 9.0
 
 
 def from_pairwise(
-    recording: Recording, settings: FilterSettings, ego: str | None = None
+    recording: Recording,
+    settings: FilterSettings,
+    ego: str | None = None,
+    given: Mapping[str, InitialPose] = NOTHING_GIVEN,
+    begin: int | None = None,
 ) -> Initialization:
-    """Where the team is as the ego (the first moving robot unless told) sees it at the start.
+    """Where the team is as the ego (the first moving robot by default) sees it at the start.
 
-    Raises CltError where no two robots that move, or one and a static one, have ranges and
-    odometry.
+    With poses `given` of some robots at `begin` (ns; by default when the odometry of all moving
+    robots has begun), where the others are in the frame of these poses. Raises
+    CltError where no two robots that move, or one and a static one, have ranges and odometry.
     """
     team = recording.team
     moving = [robot.name for robot in team.moving if robot.name in recording.odometry]
     if len(moving) == 0:
         raise CltError("no moving robot has odometry: there is nothing to initialize")
-    ego = moving[0] if ego is None else ego
-    if ego not in moving:
+    ego = ROOT if len(given) > 0 else moving[0] if ego is None else ego
+    if ego not in (ROOT, *moving):
         raise CltError(f"{ego} has no odometry: no pose can be told in its frame")
-    begin = max(odometry_begin(recording, name) for name in moving)
+    begin = pairwise_begin(recording) if begin is None else begin
     last = max(int(recording.odometry[name].stamp[-1]) for name in moving)
     tried = []
     for seconds in SPANS:
         end = begin + seconds * 1_000_000_000
-        tried.append(_within(recording, moving, ego, (begin, min(end, last)), settings))
+        tried.append(_within(recording, moving, ego, (begin, min(end, last)), settings, given))
         settled = all(robot.status == "ok" for robot in tried[-1].robots.values())
         if settled or end >= last:
             break
     return max(tried, key=how_much)
+
+
+def pairwise_begin(recording: Recording) -> int:
+    """The instant at which the poses hold: the odometry of all moving robots has begun, ns."""
+    names = (robot.name for robot in recording.team.moving)
+    return max(odometry_begin(recording, name) for name in names if name in recording.odometry)
 
 
 def how_much(found: Initialization) -> tuple[bool, int, int, float]:
@@ -99,8 +120,9 @@ def _within(
     ego: str,
     span: tuple[int, int],
     settings: FilterSettings,
+    given: Mapping[str, InitialPose],
 ) -> Initialization:
-    """What the ranges of a span (ns) tell."""
+    """What the ranges of a span (ns) leave possible."""
     team = recording.team
     static = frozenset(robot.name for robot in team.static)
     edges = {}
@@ -114,21 +136,12 @@ def _within(
             f"no ranges between robots with odometry in the first {SPANS[-1]} s: nothing tells "
             "where they are; give poses in a TOML file (--init FILE)"
         )
-    names, joints = combine(ego, edges, static)
-    still = [k for k, name in enumerate(names) if name in static]
+    known = {(ROOT, name): certain(pose) for name, pose in given.items()}
+    names, joints = combine(ego, {**known, **edges}, static)
+    still = [k for k, name in enumerate(names) if name in static and len(given) == 0]
     joints = [without_heading(joint, still) for joint in joints]
     probability = shares([joint.log_weight for joint in joints])
-    robots = {}
-    for robot in team.robots:
-        if robot.name == ego:
-            robots[ego] = RobotStatus("ok", InitialPose(np.zeros(3), np.zeros((3, 3))))
-        elif robot.name in names:
-            k = names.index(robot.name)
-            robots[robot.name] = doubted(told(joints, k, not robot.static), edges)
-        elif robot.name in moving or robot.static:
-            robots[robot.name] = unobservable(f"no chain of ranges connects it with {ego}")
-        else:
-            robots[robot.name] = unobservable("no odometry")
+    robots = _statuses(recording, ego, given, names, joints, edges)
     hypotheses = tuple(
         Hypothesis(float(p), dict(zip(names, _poses(joint), strict=True)))
         for p, joint in zip(probability, joints, strict=True)
@@ -138,8 +151,52 @@ def _within(
         for pair, found in edges.items()
         if found.left_out > 0
     )
-    frame = f"{ego}/base_link"
-    return Initialization(span[0], False, robots, notes, frame=frame, hypotheses=hypotheses)
+    if ego == ROOT:
+        return Initialization(span[0], True, robots, notes, given=frozenset(given))
+    unused = [robot.name for robot in team.static if robot.position is not None]
+    assumed = (UNUSED.format(", ".join(unused), ego),) if len(unused) > 0 else ()
+    return Initialization(
+        span[0],
+        False,
+        robots,
+        notes,
+        frame=f"{ego}/base_link",
+        hypotheses=hypotheses,
+        assumed=assumed,
+    )
+
+
+def _statuses(
+    recording: Recording,
+    ego: str,
+    given: Mapping[str, InitialPose],
+    names: tuple[str, ...],
+    joints: list[Joint],
+    edges: Edges,
+) -> dict[str, RobotStatus]:
+    """What the joint hypotheses of the robots `names` say of every robot of a team."""
+    robots = {}
+    reference = " or ".join(given) if ego == ROOT else ego
+    for robot in recording.team.robots:
+        if robot.name in given:
+            robots[robot.name] = RobotStatus("ok", given[robot.name])
+        elif robot.name == ego:
+            robots[ego] = RobotStatus("ok", InitialPose(np.zeros(3), np.zeros((3, 3))))
+        elif robot.name in names:
+            k = names.index(robot.name)
+            robots[robot.name] = doubted(told(joints, k, not robot.static), edges)
+        elif robot.static or robot.name in recording.odometry:
+            robots[robot.name] = unobservable(f"no chain of ranges connects it with {reference}")
+        else:
+            robots[robot.name] = unobservable("no odometry")
+    return robots
+
+
+def certain(pose: InitialPose) -> Hypotheses:
+    """A pose that is given, as the one hypothesis of a pair."""
+    covariance = pose.covariance + GIVEN**2 * np.eye(3)
+    one = np.ones(1)
+    return Hypotheses(pose.mean[None], covariance[None], one, one, 0.0, True)
 
 
 def without_heading(joint: Joint, robots: list[int]) -> Joint:

@@ -18,6 +18,8 @@ from clt.filters.inputs import (
 from clt.filters.settings import Noise
 from clt.streams import Floats, Indices, Ranges, Recording
 
+WIDEST = 1e6
+"""A standard deviation beyond which a range says nothing, m: its square still leaves digits."""
 CLIP = 3.5
 """A range further than this many standard deviations from its pair's middle is an outlier."""
 
@@ -34,7 +36,7 @@ class Pairs:
 
 
 def range_sigma(recording: Recording, noise: Noise) -> Floats:
-    """Standard deviation of every range of a recording, m."""
+    """Standard deviation of every range of a recording, m; none beyond WIDEST."""
     ranges = recording.ranges
     sigma = first_known(
         noise.sigma_range,
@@ -43,7 +45,7 @@ def range_sigma(recording: Recording, noise: Noise) -> Floats:
         DEFAULT_SIGMA_RANGE,
         size=ranges.stamp.size,
     )
-    return np.maximum(sigma, LEAST_SIGMA_RANGE)
+    return np.clip(sigma, LEAST_SIGMA_RANGE, WIDEST)
 
 
 def mean_distances(

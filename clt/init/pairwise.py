@@ -10,14 +10,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from clt.filters.inputs import Segments, correlated_variance, correlation_time, robot_segments
+from clt.errors import CltError
+from clt.filters.inputs import (
+    LEAST_SIGMA_RANGE,
+    Segments,
+    correlated_variance,
+    correlation_time,
+    robot_segments,
+)
 from clt.filters.settings import FilterSettings
 from clt.init.pair_hypotheses import Hypotheses, gather
 from clt.init.pair_likelihood import Pair
 from clt.init.pair_outliers import noise, spare, without_wild
 from clt.init.pair_solutions import explore, fewer
-from clt.init.pair_tracks import Track, dead_reckon, linear_until, standing
-from clt.init.pairs import range_sigma
+from clt.init.pair_tracks import Track, dead_reckon, linear_until, standing, throughout
+from clt.init.pairs import WIDEST, range_sigma
 from clt.streams import Floats, Indices, Recording
 
 FEWEST = 4
@@ -32,8 +39,10 @@ def solve_pair(pair: Pair, turns: bool = True) -> Hypotheses:
     Without `turns` robot j is static: its heading means nothing and stays 0. Where even the best
     pose leaves residuals beyond their noise, a few ranges without which the rest fits are left out,
     and nothing is unique where others would do as well. Where that does not help, the noise is
-    believed that much larger.
+    believed that much larger. Ranges that are not usable are left out. Raises CltError where none
+    is usable.
     """
+    pair = usable(pair)
     n = pair.z.size
     enough = noise(n, turns)
     cells, faked, complete, cost = explore(pair, fewer(pair), turns, enough)
@@ -50,6 +59,29 @@ def solve_pair(pair: Pair, turns: bool = True) -> Hypotheses:
         return found
     wide = _solve(widened(pair, found.cost / max(spare(n, turns), 1)), turns)
     return replace(wide, widened=True)
+
+
+def usable(pair: Pair) -> Pair:
+    """A pair without ranges whose numbers are not finite or that say nothing; variances above 0.
+
+    Raises CltError where no range remains.
+    """
+    keep = np.isfinite(pair.z) & (pair.variance >= 0.0) & (pair.variance <= WIDEST**2)
+    for values in (pair.a, pair.b, pair.S_a, pair.S_b, pair.S_ab):
+        keep &= np.isfinite(values).reshape(keep.size, -1).all(axis=1)
+    for P in (pair.P_a, pair.P_b):
+        diagonal = P[np.arange(keep.size), np.arange(keep.size)]
+        keep &= np.isfinite(diagonal).all(axis=(1, 2))
+    if not keep.any():
+        raise CltError(
+            "no range of the pair is usable: none has finite numbers and a known variance"
+        )
+    if not keep.all():
+        rows = np.flatnonzero(keep)
+        P_a, P_b = (np.ascontiguousarray(P[np.ix_(rows, rows)]) for P in (pair.P_a, pair.P_b))
+        part = {name: column[rows] for name, column in pair._asdict().items()}
+        pair = Pair(**{**part, "P_a": P_a, "P_b": P_b})
+    return pair._replace(variance=np.maximum(pair.variance, LEAST_SIGMA_RANGE**2))
 
 
 def _solve(pair: Pair, turns: bool) -> Hypotheses:
@@ -75,7 +107,8 @@ def cut_pair(
     team, ranges = recording.team, recording.ranges
     i, j = (team.index(name) for name in names)
     parts = [_segments(recording, name, span, settings) for name in names]
-    end = min(span[1], *(linear_until(part, span[0]) for part in parts if part is not None))
+    wrong = throughout(settings.noise)
+    end = min(span[1], *(linear_until(part, span[0], wrong) for part in parts if part is not None))
     rows = np.flatnonzero(
         ((ranges.source == i) & (ranges.target == j))
         | ((ranges.source == j) & (ranges.target == i))
@@ -94,7 +127,9 @@ def cut_pair(
     a, b = (
         standing(stamp.size, middle.size)
         if part is None
-        else dead_reckon(part, span[0], stamp, np.array(team.robots[k].antenna, float), middle)
+        else dead_reckon(
+            part, span[0], stamp, np.array(team.robots[k].antenna, float), middle, wrong
+        )
         for k, part in zip((i, j), parts, strict=True)
     )
     return in_blocks(ranges.range[rows], variance, a, b, first)

@@ -12,7 +12,7 @@ from clt.errors import CltError, UsageError
 from clt.geometry import ANY_HEADING, wrap
 from clt.init.start import InitialPose, Start, fixed_pose, odometry_begin
 from clt.settings import Settings, nearest, parse
-from clt.streams import WORLD, Recording
+from clt.streams import Recording
 
 Sigma = Annotated[float, Field(ge=0)]
 Metres = Annotated[float, Field(ge=-1e7, le=1e7)]
@@ -81,4 +81,4 @@ def from_poses(
     begin = [odometry_begin(recording, name) for name in poses if name in recording.odometry]
     if len(begin) == 0:
         raise CltError(f"{source}: names no moving robot that has odometry")
-    return Start(max(begin), poses, f"{ego}/base_link" if relative else WORLD)
+    return Start(max(begin), poses, f"{ego}/base_link" if relative else team.frame)

@@ -139,8 +139,9 @@ def starts(task: _Task, i: int) -> tuple[list[Floats], float]:
         mine = (pairs.a == me) | (pairs.b == me)
         other = [index[k] for k in np.where(pairs.a == me, pairs.b, pairs.a)[mine].tolist()]
         if len(other) >= 2 and stood:
-            place = frame.standing[task.name]
-            return [place, frame.reflect(place)] if frame.on_a_line else [place], 0.1
+            places = list(frame.standing[task.name])
+            images = [frame.reflect(place) for place in places] if frame.on_a_line else []
+            return places + images, 0.1
         if len(other) >= 2:
             names = [list(anchors)[k] for k in other]
             moved = travelled(task.way, end) + np.array([_moved(task, n, end) for n in names])
@@ -190,7 +191,8 @@ def _judged(task: _Task, places: Sequence[tuple[list[Floats], float]], end: int)
     found = _distinct([(i, r) for i, r in found if np.isfinite(r.mean).all()])
     if len(found) == 0:
         return []
-    shares = probabilities([pose.log_likelihood for _, pose in found], found[0][1].nis)
+    weights = [pose.log_likelihood + task.frames[i].log_weight for i, pose in found]
+    shares = probabilities(weights, found[0][1].nis)
     candidates = [
         Candidate(i, pose, float(share)) for (i, pose), share in zip(found, shares, strict=True)
     ]
@@ -202,12 +204,12 @@ def _distinct(found: list[tuple[int, Refined]]) -> list[tuple[int, Refined]]:
     """Poses that refinement did not bring together, the most probable first."""
     kept: list[tuple[int, Refined]] = []
     for frame, pose in sorted(found, key=lambda item: -item[1].log_likelihood):
-        if all(frame != other or not _same(pose, seen) for other, seen in kept):
+        if all(frame != other or not same_pose(pose, seen) for other, seen in kept):
             kept.append((frame, pose))
     return kept
 
 
-def _same(a: Refined, b: Refined) -> bool:
+def same_pose(a: Refined, b: Refined) -> bool:
     """Two refined poses differ by less than their uncertainty, or hardly."""
     d = a.mean - b.mean
     turn = abs(float(np.angle(np.exp(1j * d[2]))))

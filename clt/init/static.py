@@ -6,21 +6,22 @@ Nobody drives, so there is no heading to find: what remains of the motion-induce
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from clt.errors import CltError
 from clt.filters.settings import FilterSettings
-from clt.init.frame import apart, on_one_line, widest_pair
-from clt.init.layout import Layout, lay_out, mirrored
-from clt.init.outcome import TOO_FEW
+from clt.init.layout import Layout, Other, lay_out, mirrored
+from clt.init.lines import apart, on_one_line, widest_pair
+from clt.init.outcome import PART, TOO_FEW, one_of
 from clt.init.pairs import mean_distances
-from clt.init.start import InitialPose
-from clt.init.status import Alternative, Initialization, RobotStatus, unobservable
-from clt.streams import Floats, Recording
+from clt.init.places import Place
+from clt.init.status import Initialization, RobotStatus, unobservable
+from clt.streams import WORLD, Floats, Recording
 
 MIRROR = "ranges alone do not tell this layout from its mirror image"
-DISTINCT = 0.02
-"""A place and its mirror image nearer than this, or within three sigma, are one, m."""
+BESIDE = f"{MIRROR}; give the position of a robot beside the line of the others"
 
 
 def from_static(recording: Recording, settings: FilterSettings) -> Initialization:
@@ -49,22 +50,20 @@ def from_static(recording: Recording, settings: FilterSettings) -> Initializatio
         notes.append(MIRROR)
     axis = widest_pair(list(known.values())) if surveyed and on_a_line else None
     robots = {name: _status(found, i, axis) for i, name in enumerate(team.names)}
-    return Initialization(begin, surveyed, robots, tuple(notes))
+    frame = team.frame if surveyed else WORLD
+    return Initialization(begin, surveyed, robots, tuple(notes), frame=frame)
 
 
 def _status(layout: Layout, i: int, axis: tuple[Floats, Floats] | None) -> RobotStatus:
     """One robot; its mirror image at the `axis`, two points (2,), is as good."""
     if not layout.rigid[i]:
         return unobservable(TOO_FEW)
-    pose = _pose(layout, i)
-    image = pose.mean[:2] if axis is None else mirrored(pose.mean[:2], *axis)
-    if np.hypot(*(image - pose.mean[:2])) < DISTINCT + 3.0 * np.sqrt(np.trace(pose.covariance)):
-        return RobotStatus("ok", pose)
-    why = f"{MIRROR}; give the position of a robot beside the line of the others"
-    return RobotStatus("ambiguous", pose, 0.5, why, (Alternative(np.append(image, 0.0), 0.5),))
-
-
-def _pose(layout: Layout, i: int) -> InitialPose:
-    covariance, part = np.zeros((3, 3)), slice(2 * i, 2 * i + 2)
-    covariance[:2, :2] = layout.covariance[part, part]
-    return InitialPose(np.append(layout.position[i], 0.0), covariance)
+    part = slice(2 * i, 2 * i + 2)
+    first = Other(layout.position, layout.covariance, layout.probability)
+    places = [
+        Place(one.position[i], one.covariance[part, part], one.probability)
+        for one in (first, *layout.others)
+    ]
+    if axis is not None:
+        places += [replace(p, position=mirrored(p.position, *axis)) for p in places]
+    return one_of(places, PART if len(layout.others) > 0 else BESIDE)

@@ -61,6 +61,10 @@ class Initialization:
     hypotheses: tuple[Hypothesis, ...] = ()
     """Joint poses of the team that remain possible, the most probable first; empty where the
     method tells of each robot alone."""
+    assumed: tuple[str, ...] = ()
+    """What the start takes for granted, and what would decide it."""
+    given: frozenset[str] = frozenset()
+    """Robots whose poses come from elsewhere than the ranges: `start` does not widen them."""
 
     @property
     def start(self) -> Start:
@@ -85,7 +89,9 @@ class Initialization:
 
     def _widened(self, poses: Mapping[str, InitialPose]) -> dict[str, InitialPose]:
         return {
-            name: InitialPose(pose.mean, widened(pose.covariance, self.again))
+            name: pose
+            if name in self.given
+            else InitialPose(pose.mean, widened(pose.covariance, self.again))
             for name, pose in poses.items()
         }
 

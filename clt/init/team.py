@@ -6,7 +6,7 @@ is the sum over the combinations that hold its pose.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import islice, product
 
@@ -15,7 +15,8 @@ import numpy as np
 from clt.filters.settings import FilterSettings
 from clt.init.bank import WIDE, Refined, probabilities, refine
 from clt.init.frame import Frame
-from clt.init.search import Candidate, Search
+from clt.init.layout import POSSIBLE
+from clt.init.search import Candidate, Search, same_pose
 from clt.init.window import Window, cut, log_likelihood, mean_nis, part_of, run
 from clt.streams import Floats, Recording
 
@@ -37,7 +38,10 @@ class Verdict:
     best: Combination
     """The most probable combination."""
     shares: Mapping[str, tuple[tuple[Candidate, float], ...]]
-    """Each robot's possible poses with their probability, the best first."""
+    """Each robot's possible poses with their probability, the best first; a pose that is the same
+    in several frames stands there once."""
+    frames: Mapping[int, float]
+    """Probability of every frame that remains possible."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,7 @@ def judge_team(
             _score(
                 cut(recording, list(searches), [], frame.anchors, still, span, settings),
                 np.concatenate([c.pose.mean for c in combination.values()]),
+                frame.log_weight,
             )
             for combination, frame in ((c, frames[next(iter(c.values())).frame]) for c in tried)
         ]
@@ -94,26 +99,51 @@ def judge_team(
             (c, float(sum(p for p, t in zip(probability, tried, strict=True) if t[name] is c)))
             for c in search.candidates
         ]
-        shares[name] = tuple(sorted(own, key=lambda item: -item[1]))
-    return Verdict(tried[int(order[0])], shares)
+        shares[name] = _merged(sorted(own, key=lambda item: -item[1]))
+    possible: dict[int, float] = {}
+    for p, combination in zip(probability.tolist(), tried, strict=True):
+        frame = next(iter(combination.values())).frame
+        possible[frame] = possible.get(frame, 0.0) + p
+    possible = {frame: p for frame, p in possible.items() if p > POSSIBLE}
+    return Verdict(tried[int(order[0])], shares, possible)
 
 
-def _score(window: Window, mean: Floats) -> tuple[float, float]:
+def _merged(own: list[tuple[Candidate, float]]) -> tuple[tuple[Candidate, float], ...]:
+    """Candidates with their probabilities, those of one pose in several frames as one."""
+    kept: list[tuple[Candidate, float]] = []
+    for candidate, p in own:
+        alike = next((k for k, (c, _) in enumerate(kept) if _one_pose(c, candidate)), None)
+        if alike is None:
+            kept.append((candidate, p))
+        else:
+            kept[alike] = (kept[alike][0], kept[alike][1] + p)
+    return tuple(sorted(kept, key=lambda item: -item[1]))
+
+
+def _one_pose(a: Candidate, b: Candidate) -> bool:
+    return a.frame != b.frame and same_pose(a.pose, b.pose)
+
+
+def _score(window: Window, mean: Floats, log_weight: float) -> tuple[float, float]:
     """Log-likelihood and mean NIS from joint poses at the start of a window."""
     result = run(window, mean, np.diag(np.tile(np.square(WIDE), len(window.moving))))
-    return log_likelihood(window, result), mean_nis(window, result)
+    return log_likelihood(window, result) + log_weight, mean_nis(window, result)
 
 
 def settle(
     recording: Recording,
     chosen: Combination,
     frame: Frame,
+    open_: Collection[str],
     span: tuple[int, int],
     still: Mapping[str, int],
     settings: FilterSettings,
 ) -> Settled:
-    """Poses of the chosen robots and of uncertain static ones at the start of `span`, jointly."""
-    floating = list(frame.loose)
+    """Poses of the chosen robots and of uncertain static ones at the start of `span`, jointly.
+
+    Static robots whose place is `open_` take no part.
+    """
+    floating = [name for name in frame.loose if name not in open_]
     anchors = {name: p for name, p in frame.anchors.items() if name not in frame.loose}
     window, longer = (
         cut(recording, list(chosen), floating, anchors, still, (span[0], end), settings)
@@ -121,8 +151,9 @@ def settle(
     )
     mean = [candidate.pose.mean for candidate in chosen.values()]
     mean += [np.append(frame.anchors[name], 0.0) for name in floating]
-    spread = np.concatenate([np.tile(WIDE, len(chosen)), *frame.loose.values()])
-    poses = refine(window, np.concatenate(mean), list(frame.loose.values()))
+    loose = [frame.loose[name] for name in floating]
+    spread = np.concatenate([np.tile(WIDE, len(chosen)), *loose])
+    poses = refine(window, np.concatenate(mean), loose)
     return Settled((*chosen, *floating), poses, shortened(longer), spread)
 
 

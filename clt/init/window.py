@@ -24,12 +24,10 @@ from clt.filters.inputs import (
     robot_segments,
     standing,
 )
-from clt.filters.settings import FilterSettings
+from clt.filters.settings import FilterSettings, Noise
 from clt.filters.unicycle import EXACT
 from clt.streams import Floats, Recording
 
-NEVER = 1e7
-"""Seconds after which a lost robot would be searched for anew: the bank does that itself."""
 WORST = 25.0
 """NIS beyond which a range tells no more against a hypothesis, where there is no gate."""
 NO_OUTPUTS = Outputs(np.empty(0, np.int64), np.empty(0, np.int64))
@@ -71,6 +69,7 @@ def cut(
     for name in moving:
         robot = team.robots[team.index(name)]
         part, _ = robot_segments(recording.odometry[name], robot, settings.noise, start, end)
+        part = _unsure(part, settings.noise, (end - start) * 1e-9)
         parts.append(_held(part, still.get(name, start)))
     parts += [standing() for _ in floating]
     state = {team.index(name): i for i, name in enumerate([*moving, *floating])}
@@ -86,6 +85,19 @@ def cut(
     lever = np.array([team.robots[team.index(n)].antenna for n in (*moving, *floating)], np.float64)
     return Window(
         tuple(moving), tuple(floating), start, lever, join_segments(parts), table, settings
+    )
+
+
+def _unsure(part: Segments, noise: Noise, seconds: float) -> Segments:
+    """Twist segments of one robot with the noise that errors of scale and bias come to.
+
+    White noise that adds up to as much over so many `seconds`, and to more before.
+    """
+    times = seconds / np.maximum(part.interval, 1e-9)
+    scale_v, scale_omega, bias = noise.lasting
+    return part._replace(
+        var_v=part.var_v + times * (scale_v * part.v) ** 2,
+        var_omega=part.var_omega + times * ((scale_omega * part.omega) ** 2 + bias**2),
     )
 
 
@@ -111,7 +123,6 @@ def run(window: Window, mean: Floats, covariance: Floats) -> eskf.Run:
         window.ranges,
         NO_OUTPUTS,
         gate=window.settings.gate,
-        reacquire=NEVER,
         form=EXACT,
     )
 

@@ -11,12 +11,20 @@ from clt.log.records import Chunk, DamagedError
 
 LIMIT = 256 << 20
 """Largest chunk that is read, bytes, packed or not."""
+FREE = 256 << 20
+RATIO = 100
+"""All chunks of a log together inflate to at most FREE + RATIO times its own bytes."""
 
 
-def inflate(chunk: Chunk) -> bytes | memoryview:
-    """The records inside a chunk. Raises DamagedError; allocates at most the claimed size."""
+def inflate(chunk: Chunk, allowed: int = LIMIT) -> bytes | memoryview:
+    """The records inside a chunk, at most `allowed` bytes of them.
+
+    Raises DamagedError; allocates at most the claimed size.
+    """
     if chunk.size > LIMIT:
         raise DamagedError(f"{chunk.size} bytes are beyond the limit of {LIMIT >> 20} MiB")
+    if chunk.size > allowed:
+        raise DamagedError(f"the log inflates to more than {RATIO} times its size: a zip bomb?")
     match chunk.compression:
         case "":
             data: bytes | memoryview = chunk.data

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +17,8 @@ from clt.log.reader import Log
 from clt.log.roles import Stream
 from clt.log.table import Messages
 from clt.log.template import Column, Decoded
+from clt.printable import name as shown
 from clt.streams import Floats, Indices, Odometry, Poses, Stamps
-
-Paths = TypeVar("Paths")
 
 TWISTS: dict[str, tuple[str, str | None]] = {
     "nav_msgs/Odometry": ("twist.twist", "twist.covariance"),
@@ -62,14 +60,18 @@ class Table:
     def floats(self, path: str, size: int | None = None) -> Floats:
         """A field of one number, or of an array of `size`, as float64. Raises LogError."""
         what = "a number" if size is None else f"an array of {size} numbers"
-        return self._checked(path, "iuf", what, size).astype(np.float64)
+        return self._checked(path, "iuf", what, size).astype(np.float64, copy=False)
 
     def integers(self, path: str) -> Indices:
         """A field of one integer as int64, larger ones as the largest. Raises LogError."""
         column = self._checked(path, "iu", "an integer")
         if column.dtype == np.uint64:
             column = np.minimum(column, LARGEST)
-        return column.astype(np.int64)
+        return column.astype(np.int64, copy=False)
+
+    def texts(self, path: str) -> NDArray[np.object_]:
+        """A field of text. Raises LogError."""
+        return self._checked(path, "O", "a text").astype(np.object_)
 
     def flags(self, path: str) -> NDArray[np.bool_]:
         """A field that is true or false, or 0 for false. Raises LogError."""
@@ -95,6 +97,31 @@ def stamp_path(struct: Struct) -> str | None:
     return None
 
 
+def clock(struct: Struct, log_time: bool) -> list[str]:
+    """Paths of the seconds and nanoseconds of a message's stamp; none where it is not used."""
+    path = None if log_time else stamp_path(struct)
+    return [] if path is None else [f"{path}.sec", f"{path}.nanosec"]
+
+
+def twist_paths(struct: Struct, brief: bool) -> list[str]:
+    """Paths of v, omega and, unless `brief`, their variances; none for a type without them."""
+    if struct.name not in TWISTS:
+        return []
+    twist, covariance = TWISTS[struct.name]
+    variances = [] if covariance is None or brief else [f"{covariance}[0]", f"{covariance}[35]"]
+    return [f"{twist}.linear.x", f"{twist}.angular.z", *variances]
+
+
+def pose_paths(struct: Struct, with_covariance: bool) -> list[str]:
+    """Paths of x, y, quaternion, covariance where wanted, and frame; none for other types."""
+    if struct.name not in POSES:
+        return []
+    position, orientation, covariance = POSES[struct.name]
+    matrix = [covariance] if with_covariance and covariance is not None else []
+    axes = [f"{orientation}.{axis}" for axis in "xyzw"]
+    return [f"{position}.x", f"{position}.y", *axes, *matrix, "header.frame_id"]
+
+
 def table(log: Log, topic: str, paths: list[str], log_time: bool) -> Table:
     """Decode a topic. Raises LogError for an unknown field or a definition that makes no sense.
 
@@ -102,15 +129,14 @@ def table(log: Log, topic: str, paths: list[str], log_time: bool) -> Table:
     the times of recording are used instead. Messages whose times no log of ours could hold are
     dropped.
     """
-    path = None if log_time else stamp_path(log.struct(topic))
-    clock = [] if path is None else [f"{path}.sec", f"{path}.nanosec"]
+    time = clock(log.struct(topic), log_time)
     try:
-        messages, decoded = log.decode(topic, [*clock, *paths])
+        messages, decoded = log.decode(topic, [*time, *paths])
     except PathError as error:
         raise LogError(f"{log.name}: {topic}: {error}") from None
     data = Table(log.name, topic, messages, decoded, messages.log_time)
-    if path is not None:
-        stamp = nanoseconds(*(data.integers(name) for name in clock))
+    if len(time) > 0:
+        stamp = nanoseconds(*(data.integers(name) for name in time))
         data = replace(data, stamp=stamp)
         if len(stamp) > 1 and not stamp.any():
             text = "the header stamps are all zero; the times of recording were used"
@@ -141,15 +167,14 @@ def _in_time(log: Log, data: Table) -> Table:
     )
 
 
-def odometry(log: Log, stream: Stream) -> Odometry:
-    """Body twists; noise from the covariance where that is positive, else NaN."""
-    twist, covariance = _known(log, stream.topic, TWISTS, "odometry")
-    v, omega = f"{twist}.linear.x", f"{twist}.angular.z"
-    variances = [] if covariance is None else [f"{covariance}[0]", f"{covariance}[35]"]
+def odometry(log: Log, stream: Stream, brief: bool = False) -> Odometry:
+    """Body twists; noise from the covariance where that is positive, else (or `brief`) NaN."""
+    _check_known(log, stream.topic, TWISTS, "odometry")
+    v, omega, *variances = twist_paths(log.struct(stream.topic), brief)
     data = table(log, stream.topic, [v, omega, *variances], stream.log_time)
     rows = _rows(log, data, data.floats(v), data.floats(omega))
     sigmas = [deviation(data.floats(path)[rows]) for path in variances]
-    unknown = np.full(len(rows), np.nan)
+    unknown = np.broadcast_to(np.nan, len(rows)) if brief else np.full(len(rows), np.nan)
     return Odometry(
         data.stamp[rows],
         data.messages.log_time[rows],
@@ -161,16 +186,16 @@ def odometry(log: Log, stream: Stream) -> Odometry:
 
 def poses(log: Log, stream: Stream, with_covariance: bool) -> Poses:
     """A trajectory; rows in another frame than the first are dropped."""
-    position, orientation, covariance = _known(log, stream.topic, POSES, "poses")
-    wanted = [f"{position}.x", f"{position}.y", *(f"{orientation}.{axis}" for axis in "xyzw")]
-    matrix = [covariance] if with_covariance and covariance is not None else []
-    paths = [*wanted, *matrix, "header.frame_id"]
+    _check_known(log, stream.topic, POSES, "poses")
+    paths = pose_paths(log.struct(stream.topic), with_covariance)
+    wanted, matrix = paths[:6], paths[6:-1]
     data = table(log, stream.topic, paths, stream.log_time)
     values = [data.floats(path) for path in wanted]
-    frames = data.column("header.frame_id").astype(np.str_)
+    frames = data.texts("header.frame_id")
     frame = str(frames[data.decoded.good][0]) if data.decoded.good.any() else ""
-    strange = data.decoded.good & (frames != frame)
-    same = tidy.drop(log.faults, data.place, "frame", strange, f"poses are not in `{frame}`")
+    strange = data.decoded.good & (frames != frame).astype(np.bool_)
+    text = f"poses are not in `{shown(frame)}`"
+    same = tidy.drop(log.faults, data.place, "frame", strange, text)
     rows = _rows(log, data, *values, *(data.floats(path, 36) for path in matrix))
     rows = rows[same[rows]]
     x, y, *quaternion = (value[rows] for value in values)
@@ -213,9 +238,8 @@ def _heading(log: Log, place: str, x: Floats, y: Floats, z: Floats, w: Floats) -
     return np.where(none, np.nan, np.where(heading == -np.pi, np.pi, heading))
 
 
-def _known(log: Log, topic: str, kinds: Mapping[str, Paths], what: str) -> Paths:
-    """How a topic's type holds what is wanted. Raises LogError naming the types that would do."""
+def _check_known(log: Log, topic: str, kinds: Iterable[str], what: str) -> None:
+    """Raise LogError, naming the types that would do, for a topic whose type is not one of them."""
     kind = log.struct(topic).name
     if kind not in kinds:
         raise LogError(f"{log.name}: {topic}: {kind} holds no {what}; use: {', '.join(kinds)}")
-    return kinds[kind]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -16,6 +17,7 @@ from clt.log.metadata import TEAM, decode_team
 from clt.log.ranging import Measured
 from clt.log.reader import Log
 from clt.log.roles import Roles, Stream, natural, role_of
+from clt.printable import name as shown
 from clt.streams import Robot, Team
 
 if TYPE_CHECKING:
@@ -57,7 +59,8 @@ def given(streams: StreamsFile, known: Team | None = None) -> Team:
                 sigma_omega=math.nan if robot.sigma_omega is None else robot.sigma_omega,
             )
             for name, robot in streams.robots.items()
-        )
+        ),
+        frame=streams.frame,
     )
 
 
@@ -75,6 +78,7 @@ def inferred(
     moving = {robot for robot, role in roles if role == "odometry"}
     moving |= {robot for robot, one in framed.items() if one.flags("odometry_valid").any()}
     ids: dict[str, int] = {}
+    taken: set[int] = set()
     seen: set[int] = set()
     told = [(robot, one.integers("source")[one.decoded.good]) for robot, one in framed.items()]
     for robot, one in measured:
@@ -87,19 +91,25 @@ def inferred(
     for robot, sources in told:
         valid = (sources >= 0) & (sources < 1 << 16)
         numbers, counts = np.unique(sources[valid], return_counts=True)
-        free = [int(n) for n in numbers[np.argsort(-counts)] if int(n) not in ids.values()]
+        free = [int(n) for n in numbers[np.argsort(-counts)] if int(n) not in taken]
         if robot not in ids and len(free) > 0:
             ids[robot] = free[0]
+            taken.add(free[0])
     for name in names:
         digits = re.search(r"[0-9]+$", name)
-        number = -1 if digits is None else int(digits[0])
-        if name not in ids and 0 <= number < 1 << 16 and number not in ids.values():
+        text = "" if digits is None else digits[0].lstrip("0") or "0"
+        number = int(text) if 0 < len(text) <= 5 else -1
+        if name not in ids and 0 <= number < 1 << 16 and number not in taken:
             ids[name] = number
-    spare = (number for number in range(1, 1 << 16) if number not in {*ids.values(), *seen})
-    robots = [
-        Robot(name, ids[name] if name in ids else next(spare), static=name not in moving)
-        for name in names
-    ]
+            taken.add(number)
+    used = taken | seen
+    unnumbered = [name for name in names if name not in ids]
+    free_ids = (number for number in range(1, 1 << 16) if number not in used)
+    spare = list(itertools.islice(free_ids, len(unnumbered)))
+    if len(unnumbered) > len(spare):
+        raise LogError(f"{log.name}: topics of {len(names)} robots; clt tells 65535 apart")
+    ids |= dict(zip(unnumbered, spare, strict=False))
+    robots = [Robot(name, ids[name], static=name not in moving) for name in names]
     strangers = sorted(seen - {robot.id for robot in robots})
     robots += [Robot(f"node{number}", number, static=True) for number in strangers]
     return Team(tuple(robots))
@@ -107,12 +117,14 @@ def inferred(
 
 def known_only(log: Log, roles: Roles, team: Team) -> Roles:
     """The roles without the topics of robots that are not in the team, which are a fault."""
+    names = frozenset(team.names)
+    everybody = shown(", ".join(team.names), 200)
 
     def keep(streams: dict[str, Stream]) -> dict[str, Stream]:
-        for robot in sorted(set(streams) - set(team.names)):
-            text = f"`{robot}` is not in the team ({', '.join(team.names)}); not read"
+        for robot in sorted(set(streams) - names):
+            text = f"`{shown(robot)}` is not in the team ({everybody}); not read"
             log.faults.add("unknown", streams[robot].topic, text, lost=True)
-        return {robot: stream for robot, stream in streams.items() if robot in team.names}
+        return {robot: stream for robot, stream in streams.items() if robot in names}
 
     return replace(
         roles,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from clt.printable import name as shown
 from clt.streams import Fault
 
 NAMED = 3
@@ -18,17 +20,37 @@ class Faults:
     _found: dict[str, list[Fault]] = field(default_factory=dict)
     _more: dict[str, Fault] = field(default_factory=dict)
 
-    def add(self, kind: str, place: str, text: str, *, count: int = 1, lost: bool = False) -> None:
-        """Note a fault at `place`, a topic or `byte N`; `lost` if data was unusable."""
+    def add(
+        self,
+        kind: str,
+        place: str,
+        text: str,
+        *,
+        count: int = 1,
+        lost: bool = False,
+        subject: str = "",
+        values: Mapping[str, float] | None = None,
+    ) -> None:
+        """Note a fault at `place`, a topic or `byte N`; `lost` if data was unusable.
+
+        `subject` and `values` as in `Fault`.
+        """
         found = self._found.setdefault(kind, [])
         if len(found) < NAMED:
-            found.append(Fault(kind, count, f"{self.name}: {place}: {text}", lost))
+            line = f"{self.name}: {shown(place)}: {text}"
+            found.append(Fault(kind, count, line, lost, subject, values or {}))
             return
         before = self._more.get(kind)
         if before is not None:
             count, lost = count + before.count, lost or before.data_lost
         text = f"{self.name}: {count} more faults of the kind `{kind}`"
         self._more[kind] = Fault(kind, count, text, lost)
+
+    def absorb(self, other: Faults) -> None:
+        """Take over what another file of the same log has wrong, under that file's name."""
+        for fault in other.all():
+            found = self._found.setdefault(fault.kind, [])
+            found.append(fault)
 
     def all(self) -> tuple[Fault, ...]:
         """Every fault, kinds in the order of their first appearance."""

@@ -1,7 +1,8 @@
 """The records of one MCAP file in order, as far as they are sound.
 
 No length, size, checksum or index of the file is trusted. A damaged record or chunk is noted as a
-fault and skipped; only a record longer than the rest of the file ends the reading.
+fault and skipped; a record without a length that could be true is passed over up to the next sound
+one.
 """
 
 from __future__ import annotations
@@ -12,18 +13,20 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from clt.log import records
-from clt.log.chunk import LIMIT, inflate
+from clt.log.chunk import FREE, LIMIT, RATIO, inflate
 from clt.log.faults import Faults
 from clt.log.records import (
     HEAD,
     MAGIC,
     ChannelRecord,
+    Chunk,
     DamagedError,
     Document,
     Header,
     Metadata,
     Schema,
 )
+from clt.log.resync import LEAST, Effort, at, looks_right, resync, true_length
 from clt.log.source import Source
 from clt.log.table import Bytes, Messages, find, table, walk_records
 from clt.streams import Indices
@@ -42,6 +45,11 @@ NAMES = {
     records.DATA_END: "end of data",
 }
 """The records that are read whole; others are passed over."""
+
+SUSPECT = {0x08, 0x0A, 0x0B, 0x0D, 0x0E} | {
+    opcode ^ 1 << bit for opcode in (records.MESSAGE, records.CHUNK) for bit in range(4, 8)
+}
+"""Kinds of no use in front of the end of data, or one bit away from a message or a chunk."""
 
 PARSE: dict[int, Callable[[bytes], Header | Schema | ChannelRecord | Metadata | Document]] = {
     records.HEADER: records.header,
@@ -64,11 +72,20 @@ class Inflated:
 class Frames:
     """Iterate it once, from behind the opening magic to behind the closing one."""
 
-    def __init__(self, source: Source, faults: Faults) -> None:
+    def __init__(
+        self, source: Source, faults: Faults, inflated: int = 0, effort: Effort | None = None
+    ) -> None:
         self._source = source
+        self.inflated = inflated
+        """Bytes of all chunks so far."""
         self._faults = faults
         self._chunk: Inflated | None = None
         self._data_ended = False
+        self._indexed = False
+        """What came last was a chunk or one of its indexes."""
+        self._torn: int | None = None
+        """Where a run of messages ends in nothing sound."""
+        self._effort = Effort() if effort is None else effort
         self.complete = False
         """The footer was reached."""
 
@@ -78,47 +95,84 @@ class Frames:
             start, head = source.position, source.peek(HEAD.size)
             if len(head) < HEAD.size or head.startswith(MAGIC):
                 break
-            opcode, length = HEAD.unpack(head)
+            opcode, claimed = HEAD.unpack(head)
             if opcode != records.MESSAGE_INDEX:
                 yield from self._contents()
-            if not self._fits(opcode, length):
-                if not self._pass_over(opcode, length):
+            if opcode == records.MESSAGE and claimed <= LIMIT and source.fill(HEAD.size + claimed):
+                yield from self._loose()
+                continue
+            length = self._length(opcode, claimed)
+            if length is None:
+                if not self._resync(start, opcode):
                     break
+            elif not self._fits(opcode, length):
+                self._pass_over(opcode, length)
             elif not source.fill(HEAD.size + length):
                 break
-            elif opcode == records.MESSAGE:
-                yield from self._loose()
             else:
                 source.skip(HEAD.size)
                 yield from self._record(f"byte {start}", opcode, source.take(length))
         yield from self._contents()
         if not self.complete:
-            self._cut(start, head)
+            self._cut(*(start, head) if self._torn is None else (self._torn, b"?"))
+
+    def _length(self, opcode: int, claimed: int) -> int | None:
+        """The length of the next record; None where nothing speaks for the claim."""
+        if opcode == records.MESSAGE:
+            return None
+        length = true_length(self._source, opcode, claimed)
+        if length == claimed and opcode == records.FOOTER and not self._data_ended:
+            behind = at(self._source, HEAD.size + length, 2 * len(MAGIC))
+            last = len(behind) <= len(MAGIC) or MAGIC in {behind[:8], behind[8:]}
+            return length if last else None
+        if length is not None and length != claimed:
+            text = f"the length of a record says {claimed}, its content {length}; mended"
+            self._faults.add("length", f"byte {self._source.position}", text)
+        return length
+
+    def _resync(self, start: int, opcode: int) -> bool:
+        """Pass over a record that makes no sense; False where nothing sound follows."""
+        self._source.skip(1)
+        found = resync(self._source, self._effort)
+        if found:
+            what = NAMES.get(opcode, "message" if opcode == records.MESSAGE else "record")
+            self._passed(start, what)
+        return found
+
+    def _passed(self, start: int, what: str) -> None:
+        """Say what was passed over in search of the next sound record."""
+        passed = self._source.position - start
+        text = f"a {what} makes no sense; {passed} bytes up to the next sound record skipped"
+        self._faults.add("record", f"byte {start}", text, lost=True)
 
     @staticmethod
     def _fits(opcode: int, length: int) -> bool:
         """The record is one to be held in memory."""
-        return (opcode in NAMES or opcode == records.MESSAGE) and length <= LIMIT + 4096
+        return opcode in NAMES and length <= LIMIT + 4096
 
-    def _pass_over(self, opcode: int, length: int) -> bool:
-        """Skip an unknown or oversized record; False where the file ends inside it."""
+    def _pass_over(self, opcode: int, length: int) -> None:
+        """Skip an unknown or oversized record."""
         place = f"byte {self._source.position}"
-        if not self._source.skip(HEAD.size + length):
-            return False
-        if opcode in NAMES or opcode == records.MESSAGE:
+        self._source.skip(HEAD.size + length)
+        self._indexed = False
+        if opcode in NAMES:
             self._faults.add("limit", place, f"a record of {length} bytes was skipped", lost=True)
-        return True
+        elif not self._data_ended and opcode in SUSPECT:
+            text = f"a record of kind {opcode:#x} skipped, which may have been data"
+            self._faults.add("record", place, text, lost=True)
 
     def _record(self, place: str, opcode: int, body: bytes) -> Iterator[Frame]:
-        """One record outside chunks."""
+        """One record outside chunks, or a schema or channel in one."""
         try:
             match opcode:
                 case records.CHUNK:
-                    data = np.frombuffer(inflate(records.chunk(body)), np.uint8)
-                    self._chunk = Inflated(place, data)
+                    self._indexed = True
+                    self._inflate(place, records.chunk(body))
                 case records.MESSAGE_INDEX:
-                    if self._chunk is not None:
-                        self._chunk.hints.append(records.message_index(body))
+                    hint = records.message_index(body)
+                    if len(hint) == 0 and len(body) >= LEAST[records.CHUNK]:
+                        raise DamagedError("it makes no sense")  # noqa: TRY301 - one place for all
+                    self._index(place, hint)
                 case records.DATA_END:
                     self._data_ended = True
                 case records.FOOTER:
@@ -129,12 +183,28 @@ class Frames:
             kind = "chunk" if opcode == records.CHUNK else "record"
             self._faults.add(kind, place, f"{NAMES[opcode]} skipped: {error}", lost=True)
 
+    def _index(self, place: str, hint: Indices) -> None:
+        """The offsets of a chunk's messages; a fault where the chunk is missing."""
+        if self._chunk is not None:
+            self._chunk.hints.append(hint)
+        elif not self._indexed and len(hint) > 0:
+            self._indexed = True
+            self._faults.add("chunk", place, "an index stands without its chunk", lost=True)
+
+    def _inflate(self, place: str, chunk: Chunk) -> None:
+        """Let a chunk wait for its indexes. Raises DamagedError."""
+        allowed = FREE + RATIO * self._source.position - self.inflated
+        data = np.frombuffer(inflate(chunk, allowed), np.uint8)
+        self.inflated += len(data)
+        self._chunk = Inflated(place, data)
+
     def _close(self) -> None:
         """The footer ends the file; its magic should follow."""
         self.complete = True
-        if self._source.peek(len(MAGIC)) == MAGIC:
+        behind = self._source.peek(2 * len(MAGIC))
+        if len(behind) == len(MAGIC) or MAGIC in {behind[: len(MAGIC)], behind[len(MAGIC) :]}:
             self._source.skip(len(MAGIC))
-        else:
+        if not behind.startswith(MAGIC):
             place = f"byte {self._source.position}"
             self._faults.add("footer", place, "the closing magic is missing; no data is lost")
 
@@ -154,13 +224,31 @@ class Frames:
             self._faults.add("chunk", chunk.place, text, lost=True)
 
     def _loose(self) -> Iterator[Frame]:
-        """A run of messages outside chunks, as far as the window reaches."""
+        """A run of messages outside chunks, as far as the window reaches.
+
+        Where the last one leads to nothing that looks like a record, the next sound record is
+        searched from its beginning on: if that lies inside it, its length was wrong.
+        """
         source = self._source
-        place, first = f"byte {source.position}", source.start
-        walk = walk_records(source.window, first, len(source.window), only=records.MESSAGE)
-        data = np.frombuffer(source.window, np.uint8)[first : walk.stop]
-        source.start = walk.stop
-        yield from self._messages(place, data, walk.starts - first)
+        window, first, begin = source.window, source.start, source.position
+        walk = walk_records(window, first, len(window), only=records.MESSAGE)
+        starts, stop = walk.starts, walk.stop
+        if looks_right(source, stop - first, chain=2):
+            source.skip(stop - first)
+        else:
+            last = int(starts[-1])
+            source.skip(last + 1 - first)
+            found = resync(source, self._effort)
+            reached = source.position - begin + first
+            if not found:
+                self._torn = begin + stop - first
+            elif reached < stop:
+                starts, stop = starts[:-1], last
+                self._passed(begin + last - first, "message")
+            elif reached > stop:
+                self._passed(begin + stop - first, "record")
+        data = np.frombuffer(window, np.uint8)[first:stop]
+        yield from self._messages(f"byte {begin}", data, starts - first)
 
     def _messages(self, place: str, data: Bytes, starts: Indices) -> Iterator[Frame]:
         messages, short = table(data, starts)

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from clt.document import Document
 from clt.errors import LogError
-from clt.log import convert, crew, packets, ranging
-from clt.log.metadata import decode_run
+from clt.log import convert, crew, packets, ranging, timeline
+from clt.log.fields import fields
+from clt.log.metadata import TEAM, decode_run
+from clt.log.msgdef import Struct
 from clt.log.reader import Log, Topic, read
 from clt.log.roles import ALL, Roles, by_file, by_name, role_of
-from clt.streams import Recording, no_ranges
+from clt.streams import Recording
 
 if TYPE_CHECKING:
     from clt.log.streamsfile import StreamsFile
+
+T = TypeVar("T")
 
 __all__ = ["ALL", "LoadedLog", "load"]
 
@@ -35,6 +40,12 @@ class LoadedLog:
     """What wrote the log."""
     topics: Mapping[str, Topic]
     """Every topic of the log, whether it was read or not."""
+    used: frozenset[str] = frozenset()
+    """Those that were read."""
+    files: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of each file of a bag's folder, by name."""
+    own: bool = False
+    """Its team stands in its metadata: clt wrote it."""
 
 
 def load(
@@ -43,7 +54,7 @@ def load(
     want: frozenset[str] = ALL,
     brief: bool = False,
 ) -> LoadedLog:
-    """Read what is wanted of a log; `-` is standard input.
+    """Read what is wanted of a log; `-` is standard input, a folder the bag in it.
 
     `streams` maps the topics of other people's logs. `want` holds names of `clt.log.roles.Role`;
     what a log lacks is simply absent. `brief` suits those who only count: see
@@ -51,14 +62,31 @@ def load(
     Raises LogError where the log as a whole cannot be used, UsageError for a wrong streams file.
     """
     mapped = None if streams is None else _streams_file(streams)
-    log = read(path, lambda topic, _: _wanted(topic, mapped, want))
+    named = None if mapped is None else by_file(mapped, want)
+
+    def paths(topic: str, struct: Struct) -> tuple[str, ...] | None:
+        return fields(named or by_name([topic], want), topic, struct, brief)
+
+    log = read(path, lambda topic, _: _wanted(topic, mapped, want), paths)
     _check_readable(log)
-    roles = by_name(log.topics, want) if mapped is None else by_file(mapped, want)
     if mapped is not None:
-        mapped.check(log.topics, f"{streams}: {log.name}")
+        from clt.log.resolve import resolve  # noqa: PLC0415 - pydantic is slow to import
+
+        mapped = resolve(mapped, log.topics, f"{streams}: {log.name}", log.faults)
+    roles = by_name(log.topics, want) if mapped is None else by_file(mapped, want)
     recording = _recording(log, roles, mapped, brief)
+    clocks = timeline.faults_of(timeline.look(recording), log.name)
+    recording = replace(recording, faults=(*recording.faults, *clocks))
     return LoadedLog(
-        recording, log.sha256, log.name, log.header.profile, log.header.library, log.topics
+        recording,
+        log.sha256,
+        log.name,
+        log.header.profile,
+        log.header.library,
+        log.topics,
+        roles.topics,
+        log.files,
+        any(record.name == TEAM for record in log.metadata),
     )
 
 
@@ -70,36 +98,57 @@ def _streams_file(source: Path | Document) -> StreamsFile:
 
 def _wanted(topic: str, mapped: StreamsFile | None, want: frozenset[str]) -> bool:
     if mapped is not None:
-        return topic in mapped.topics
+        return mapped.wants(topic)
     found = role_of(topic)
     return found is not None and found[1] in want
 
 
 def _recording(log: Log, roles: Roles, mapped: StreamsFile | None, brief: bool) -> Recording:
-    measured = [(name, ranging.measure(log, stream, brief)) for name, stream in roles.ranges]
+    uses = Counter(stream.topic for stream in roles.streams)
     framed = packets.decode_frames(log, roles.frames)
+    measured: list[tuple[str, ranging.Measured]] = []
+
+    def last(topic: str, found: T) -> T:
+        """Forget the messages of a topic that were converted, unless other roles take them too."""
+        if uses[topic] == 1:
+            log.gathered.release(topic)
+        return found
+
     if mapped is not None:
         team = crew.given(mapped, crew.told(log))
     else:
-        team = crew.told(log) or crew.inferred(log, measured, framed)
+        told = crew.told(log)
+        if told is None:
+            measured = [(name, ranging.measure(log, one, brief)) for name, one in roles.ranges]
+        team = crew.inferred(log, measured, framed) if told is None else told
         roles = crew.known_only(log, roles, team)
         if len(team.robots) == 0:
-            text = f"no topic is named as clt names them; map them with --streams: {_list(log)}"
+            text = (
+                "no topic is named as clt names them; `clt streams` drafts a file for --streams: "
+                f"{_list(log)}"
+            )
             log.faults.add("unmapped", "topics", text)
-    ranges = ranging.join(log, [one for _, one in measured], team, brief)
-    odometry = {name: convert.odometry(log, stream) for name, stream in roles.odometry.items()}
-    truth = {name: convert.poses(log, stream, False) for name, stream in roles.truth.items()}
-    estimate = {name: convert.poses(log, stream, True) for name, stream in roles.estimate.items()}
-    reckoned = {
-        name: convert.poses(log, stream, True) for name, stream in roles.dead_reckoning.items()
+    odometry = {
+        name: last(one.topic, convert.odometry(log, one, brief))
+        for name, one in roles.odometry.items()
     }
+    truth, estimate, reckoned = (
+        {name: last(one.topic, convert.poses(log, one, known)) for name, one in streams.items()}
+        for streams, known in (
+            (roles.truth, False),
+            (roles.estimate, True),
+            (roles.dead_reckoning, True),
+        )
+    )
+    each = (last(one.topic, ranging.measure(log, one, brief)) for _, one in roles.ranges)
+    ranges = ranging.join(log, each if len(measured) == 0 else _taken(measured), team, brief)
     found = None
     if roles.innovation is not None:
         found = ranging.innovations(log, roles.innovation, team)
     return Recording(
         team=team,
         odometry={name: twist for name, twist in odometry.items() if len(twist.stamp) > 0},
-        ranges=ranges if len(measured) > 0 else no_ranges(),
+        ranges=ranges,
         frames=packets.join_frames(log, [framed[name] for name in roles.frames], team),
         truth={name: poses for name, poses in truth.items() if len(poses.stamp) > 0},
         estimate=estimate,
@@ -109,6 +158,12 @@ def _recording(log: Log, roles: Roles, mapped: StreamsFile | None, brief: bool) 
         attachments=log.attachments,
         faults=log.faults.all(),
     )
+
+
+def _taken(measured: list[tuple[str, ranging.Measured]]) -> Iterator[ranging.Measured]:
+    """Each topic's ranges once, so that memory holds few twice."""
+    while len(measured) > 0:
+        yield measured.pop(0)[1]
 
 
 def _check_readable(log: Log) -> None:

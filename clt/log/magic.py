@@ -8,7 +8,7 @@ OTHERS = {
     b"\x28\xb5\x2f\xfd": "is compressed as a whole (zstd); unpack it first: zstd -d",
     b"\x04\x22\x4d\x18": "is compressed as a whole (lz4); unpack it first: lz4 -d",
     b"\x1f\x8b": "is compressed as a whole (gzip); unpack it first: gunzip",
-    b"SQLite format 3": "is a rosbag2 database (.db3), not MCAP; convert it: ros2 bag convert",
+    b"SQLite format 3": "is a rosbag2 database (.db3), not MCAP, and is read only as a file",
     b"#ROSBAG V": "is a ROS 1 bag, not MCAP; convert it: rosbags-convert",
     MAGIC[:5] + b"\n": "had its line endings changed on the way; copy it again as binary",
     MAGIC[:6] + b"\n": "had its line endings changed on the way; copy it again as binary",

@@ -5,19 +5,21 @@ from __future__ import annotations
 import json
 import math
 import re
-import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import Any, Literal, cast
 
 from clt.errors import LogError
-from clt.streams import Communication, Robot, Team
+from clt.streams import WORLD, Communication, Robot, Team
 
 TEAM = "clt.team"
 RUN = "clt.run"
 CALIBRATION = "calibration"
 """Which calibration the columns contain, as JSON: a key of `clt.team`, and of `Recording.run`."""
 COMMUNICATION = "communication"
+FRAME = "frame"
+MOST = 1e12
+"""No number of a team is larger in SI units; its square is still a number."""
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
@@ -32,6 +34,8 @@ def encode_team(team: Team, calibration: Mapping[str, object] | None = None) -> 
     }
     if team.range_correlation > 0.0:
         record["range_correlation"] = team.range_correlation
+    if team.frame != WORLD:
+        record[FRAME] = team.frame
     if team.communication is not None:
         told = asdict(team.communication)
         record[COMMUNICATION] = told | {
@@ -57,11 +61,18 @@ def decode_team(record: Mapping[str, str]) -> Team:
         _number(_json(record, "range_sigma", "null"), "range_sigma", positive=True),
         0.0 if math.isnan(correlation) else correlation,
         _communication(_json(record, COMMUNICATION, "null")),
+        _frame(_json(record, FRAME, f'"{WORLD}"')),
     )
     for what, values in (("name", team.names), ("id", [robot.id for robot in team.robots])):
         if len(set(values)) < len(values):
             raise LogError(f"{TEAM}: two robots share one {what}")
     return team
+
+
+def _frame(value: Any) -> str:
+    if not isinstance(value, str) or value == "":
+        raise LogError(f"{TEAM}: `{FRAME}` is not a frame id")
+    return value
 
 
 def _communication(table: Any) -> Communication | None:
@@ -161,12 +172,13 @@ def _decode(data: Any, place: str) -> Robot:
 
 
 def _number(value: Any, place: str, positive: bool = False) -> float:
-    """A finite number, or NaN for null."""
+    """A finite number of at most MOST, or NaN for null."""
     if value is None:
         return math.nan
     fits = isinstance(value, int | float) and not isinstance(value, bool)
-    if not fits or not abs(value) <= sys.float_info.max or (positive and value < 0.0):
+    if not fits or not abs(value) <= MOST or (positive and value < 0.0):
         kind = "a number >= 0" if positive else "a finite number"
+        kind += f" up to {MOST:g}" if fits and abs(value) > MOST else ""
         raise LogError(f"{TEAM}: `{place}` is not {kind}")
     return float(value)
 

@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from clt.printable import name as shown
+
 BUILTIN = {
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
     "builtin_interfaces/Duration": "int32 sec\nuint32 nanosec",
@@ -42,6 +44,10 @@ SEPARATOR = re.compile(r"^={3,}[ \t]*$", re.MULTILINE)
 TITLE = re.compile(r"\s*MSG:\s*(\S+)[ \t]*\n?")
 DEPTH = 32
 """Deeper nesting is refused: no real type has it."""
+LONGEST = 1 << 18
+"""Longer definitions are refused, characters."""
+DIGITS = 9
+"""An array whose size has more digits fits in no message."""
 
 Many = Literal["one", "array", "sequence"]
 
@@ -75,6 +81,8 @@ def parse(name: str, text: str) -> Struct:
 
     Raises DefinitionError for text that makes no sense, types that are missing or nest in a circle.
     """
+    if len(text) > LONGEST:
+        raise DefinitionError(f"{len(text)} characters are more than any type needs")
     first, *rest = SEPARATOR.split(text.replace("\r\n", "\n"))
     texts = dict(BUILTIN)
     for part in rest:
@@ -95,9 +103,9 @@ def _struct(name: str, texts: Mapping[str, str], known: dict[str, Struct], depth
     if name in known:
         return known[name]
     if name not in texts:
-        raise DefinitionError(f"the schema does not define {name}")
+        raise DefinitionError(f"the schema does not define {shown(name)}")
     if depth > DEPTH:
-        raise DefinitionError(f"{name} nests too deep or contains itself")
+        raise DefinitionError(f"{shown(name)} nests too deep or contains itself")
     package = name.partition("/")[0]
     fields = []
     for line in texts[name].splitlines():
@@ -106,7 +114,7 @@ def _struct(name: str, texts: Mapping[str, str], known: dict[str, Struct], depth
             continue
         match = DECLARATION.fullmatch(code)
         if match is None:
-            raise DefinitionError(f"{name}: `{code[:60]}` is not a field")
+            raise DefinitionError(f"{shown(name)}: `{shown(code, 60)}` is not a field")
         kind: str | Struct
         if match["type"] in FORMATS:
             kind = FORMATS[match["type"]]
@@ -131,4 +139,7 @@ def _many(match: re.Match[str]) -> tuple[Many, int]:
         return "one", 1
     if match["size"] == "" or match["bound"] is not None:
         return "sequence", 0
-    return "array", int(match["size"])
+    digits = match["size"].lstrip("0")
+    if not 0 < len(digits) <= DIGITS:
+        raise DefinitionError(f"`{shown(match[0], 60)}`: an array has 1 to 10^{DIGITS} elements")
+    return "array", int(digits)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from clt.errors import CltError, UsageError
+from clt.log.unfinished import unfinished
 
 STDOUT = Path("-")
 
@@ -39,7 +39,7 @@ def output(path: Path, force: bool = False, inputs: Sequence[Path] = ()) -> Iter
         with (
             output_path(path, force, inputs) as temporary,
             _written(path, temporary),
-            temporary.open("xb") as file,
+            temporary.open("wb") as file,
         ):
             yield file
             file.flush()
@@ -53,14 +53,29 @@ def output_path(path: Path, force: bool = False, inputs: Sequence[Path] = ()) ->
     For writers that want a name; the suffix is kept. Raises CltError as `output` does.
     """
     check(path, force, inputs)
-    path = path.resolve()
-    temporary = path.with_name(f".{path.stem[:100]}.{secrets.token_hex(4)}{path.suffix}")
-    try:
+    with unfinished(path) as temporary:
         yield temporary
         with _written(path, temporary):
-            temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+            _take_name(temporary, path, force)
+
+
+def _take_name(temporary: Path, path: Path, force: bool) -> None:
+    """Give the finished file its name. Raises CltError where it is taken, unless `force`.
+
+    A link, unlike a renaming, fails where the name exists; where a file system has no links, the
+    name is looked at just before.
+    """
+    if not force:
+        try:
+            os.link(temporary, path.resolve())
+        except FileExistsError:
+            raise CltError(f"{path}: appeared meanwhile; use --force to overwrite it") from None
+        except OSError:
+            if path.exists():
+                raise CltError(f"{path}: appeared meanwhile; use --force to overwrite it") from None
+        else:
+            return  # the temporary name is removed by the caller
+    temporary.replace(path.resolve())
 
 
 def check(path: Path, force: bool = False, inputs: Sequence[Path] = ()) -> None:

@@ -25,6 +25,8 @@ from clt.ticks import SPAN
 FRAME = "clt_msgs/msg/UwbFrame"
 PLACES = 16
 """Neighbours that one message can tell of."""
+ENTRIES = 1 << 26
+"""Packets of one robot times robots: of seventeen, eleven hours at 100 Hz."""
 FIELDS = (
     "sequence",
     "source",
@@ -133,6 +135,9 @@ def _part(log: Log, data: Table, team: Team) -> Frames:
     rows = rows[tidy.drop(faults, place, "ticks", wrong[rows], "packets hold no 40-bit stamps")]
     rows = rows[tidy.sorted_rows(faults, place, data.stamp[rows])]
     rows = rows[tidy.first_of_each(faults, place, data.stamp[rows])]
+    if rows.size * len(team.robots) > ENTRIES:
+        text = f"{rows.size} packets among {len(team.robots)} robots are more than clt can hold"
+        raise LogError(f"{log.name}: {place}: {text}")
     receive = np.full((rows.size, len(team.robots)), -1, np.int64)
     sequence = receive.copy()
     neighbour = index[data.column("neighbour")[:, used][rows].astype(np.int64)]

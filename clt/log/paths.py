@@ -6,8 +6,11 @@ import re
 from dataclasses import dataclass
 
 from clt.log.msgdef import Field, Struct
+from clt.printable import name as shown
 
-STEP = re.compile(r"(?P<name>[A-Za-z]\w*)(?:\[(?P<index>\d+)\])?")
+STEP = re.compile(r"(?P<name>[A-Za-z]\w*)(?:\[(?P<index>[0-9]{1,9})\])?")
+LARGEST = 4096
+"""Elements of an array that one column holds per message."""
 
 
 class PathError(ValueError):
@@ -31,19 +34,25 @@ def resolve(struct: Struct, path: str) -> Leaf:
     for step in path.split("."):
         match = STEP.fullmatch(step)
         if match is None or not isinstance(here, Struct):
-            raise PathError(f"`{path}` is no field of {struct.name}")
+            raise PathError(f"`{path}` is no field of {shown(struct.name)}")
         field = next((field for field in here.fields if field.name == match["name"]), None)
         if field is None:
-            names = ", ".join(field.name for field in here.fields)
-            raise PathError(f"{here.name} has no field `{match['name']}`; it has: {names}")
+            raise PathError(
+                f"{shown(here.name)} has no field `{match['name']}`; it has: {_names(here)}"
+            )
         leaf = Leaf("", _size(field, match["index"], path))
         here = field.kind
     if isinstance(here, Struct):
-        names = ", ".join(field.name for field in here.fields)
-        raise PathError(f"`{path}` is a {here.name}, not a number; name one of: {names}")
+        kind = shown(here.name)
+        raise PathError(f"`{path}` is a {kind}, not a number; name one of: {_names(here)}")
     if here == "wide" or (here == "text" and leaf.size is not None):
         raise PathError(f"`{path}` is not a number or a plain string")
     return Leaf(here, leaf.size)
+
+
+def _names(struct: Struct) -> str:
+    """The fields of a type in one line."""
+    return shown(", ".join(field.name for field in struct.fields), 400)
 
 
 def _size(field: Field, index: str | None, path: str) -> int | None:
@@ -58,4 +67,6 @@ def _size(field: Field, index: str | None, path: str) -> int | None:
         return None
     if field.many == "sequence" or isinstance(field.kind, Struct):
         raise PathError(f"`{path}`: name one element: `{field.name}[0]`")
+    if field.size > LARGEST:
+        raise PathError(f"`{path}` has {field.size} elements; name one: `{field.name}[0]`")
     return field.size

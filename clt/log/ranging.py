@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import functools
-import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -13,12 +13,15 @@ from clt.errors import LogError
 from clt.log import tidy
 from clt.log.convert import Table, deviation, table
 from clt.log.faults import Faults
+from clt.log.msgdef import Struct
 from clt.log.paths import PathError, resolve
 from clt.log.reader import Log
 from clt.log.roles import RangeStream
 from clt.streams import Floats, Indices, Innovations, Ranges, Stamps, Team, no_ranges
 
 OURS = "clt_msgs/Range"
+ALL_OURS = ("sequence", "source", "target", "range", "raw_range", "sigma")
+INNOVATION = ("source", "target", "accepted", "residual", "sigma", "nis")
 FIELDS = {"sensor_msgs/Range": "range", "std_msgs/Float32": "data", "std_msgs/Float64": "data"}
 
 
@@ -51,11 +54,7 @@ def measure(log: Log, stream: RangeStream, brief: bool = False) -> Measured:
     if stream.source is None or stream.target is None:
         place = f"{log.name}: {stream.topic}"
         raise LogError(f"{place}: {struct.name} tells no ends; name source and target")
-    try:
-        variance = resolve(struct, "variance").kind == "f4"
-    except PathError:
-        variance = False
-    noise = ["variance"] if struct.name == "sensor_msgs/Range" and variance else []
+    noise = range_paths(struct, stream, brief)[1:]
     data = table(log, stream.topic, [path, *noise], stream.log_time)
     raw = data.floats(path)
     told = deviation(data.floats("variance")) if noise else np.full(len(raw), np.nan)
@@ -71,14 +70,28 @@ def measure(log: Log, stream: RangeStream, brief: bool = False) -> Measured:
     )
 
 
+def range_paths(struct: Struct, stream: RangeStream, brief: bool) -> list[str]:
+    """Paths of what `measure` reads besides the stamp; none for a type that needs a `field`."""
+    if struct.name == OURS and stream.field is None:
+        raw = (stream.gain, stream.offset) != (1.0, 0.0)
+        return ["source", "target", "raw_range" if raw else "range"] if brief else list(ALL_OURS)
+    path = stream.field or FIELDS.get(struct.name)
+    if path is None:
+        return []
+    try:
+        variance = resolve(struct, "variance").kind == "f4"
+    except PathError:
+        variance = False
+    return [path, *(["variance"] if struct.name == "sensor_msgs/Range" and variance else [])]
+
+
 def _ours(log: Log, stream: RangeStream) -> Measured:
     """clt_msgs/Range; its own calibration stands unless the streams file gives another."""
-    names = ["sequence", "source", "target", "range", "raw_range", "sigma"]
-    data = table(log, stream.topic, names, stream.log_time)
+    data = table(log, stream.topic, list(ALL_OURS), stream.log_time)
     raw, value, told = (data.floats(name) for name in ("raw_range", "range", "sigma"))
     if (stream.gain, stream.offset) != (1.0, 0.0):
         value = stream.gain * raw + stream.offset
-    sequence, source, target = (data.integers(name) for name in names[:3])
+    sequence, source, target = (data.integers(name) for name in ALL_OURS[:3])
     return Measured(
         stream,
         data,
@@ -94,9 +107,9 @@ def _ours(log: Log, stream: RangeStream) -> Measured:
 def _counted(log: Log, stream: RangeStream) -> Measured:
     """clt_msgs/Range without what only an estimator needs."""
     given = (stream.gain, stream.offset) != (1.0, 0.0)
-    name = "raw_range" if given else "range"
-    data = table(log, stream.topic, ["source", "target", name], stream.log_time)
-    raw = data.floats(name)
+    names = range_paths(log.struct(stream.topic), stream, brief=True)
+    data = table(log, stream.topic, names, stream.log_time)
+    raw = data.floats(names[2])
     return Measured(
         stream,
         data,
@@ -115,17 +128,25 @@ def _sigma(stream: RangeStream, told: Floats) -> Floats:
     return np.where(np.isfinite(told) & (told > 0.0), told, np.nan)
 
 
-def join(log: Log, measured: Sequence[Measured], team: Team, brief: bool = False) -> Ranges:
-    """All topics as one table sorted by stamp; what is wrong is counted and dropped."""
-    parts = [_part(log.faults, one, team) for one in measured]
+def join(log: Log, measured: Iterable[Measured], team: Team, brief: bool = False) -> Ranges:
+    """All topics as one table sorted by stamp; what is wrong is counted and dropped.
+
+    `brief`: robots are narrow integers.
+    """
+    width = 5 if brief else 8
+    robots = np.min_scalar_type(-len(team.robots) - 1) if brief else np.dtype(np.int64)
+    parts = [list(_part(log.faults, one, team, robots)[:width]) for one in measured]
     if len(parts) == 0:
         return no_ranges()
-    width = 5 if brief else 8
-    columns = [np.concatenate(column) for column in list(zip(*parts, strict=True))[:width]]
-    del parts
+    columns: list[Any] = []
+    for place in range(width):  # one by one, so that memory holds few twice
+        columns.append(np.concatenate([part[place] for part in parts]))
+        for part in parts:
+            part[place] = columns[0][:0]
     order = np.argsort(columns[0], kind="stable")
-    for place, column in enumerate(columns):  # one by one, so that memory holds few twice
-        columns[place] = column[order]
+    for place in range(width):
+        columns[place] = columns[place][order]
+    del order
     stamp, _, source, target, value, *_ = columns
     keep = tidy.distinct(log.faults, stamp, source, target, value, robots=len(team.robots))
     if not keep.all():
@@ -137,25 +158,24 @@ def join(log: Log, measured: Sequence[Measured], team: Team, brief: bool = False
     return Ranges(*columns)
 
 
-def _part(faults: Faults, one: Measured, team: Team) -> tuple[Stamps | Indices | Floats, ...]:
+def _part(
+    faults: Faults, one: Measured, team: Team, robots: np.dtype[Any]
+) -> tuple[Stamps | Indices | Floats, ...]:
     """The usable rows of one topic as columns, in the order of their stamps."""
     data = one.data
-    source = _ends(team, one.source, len(one.raw))
-    target = _ends(team, one.target, len(one.raw))
+    source = _ends(team, one.source, len(one.raw)).astype(robots, copy=False)
+    target = _ends(team, one.target, len(one.raw)).astype(robots, copy=False)
     rows = tidy.usable(faults, data.place, data.decoded.good, one.range)
     strange = (source[rows] < 0) | (target[rows] < 0)
     rows = rows[tidy.drop(faults, data.place, "unknown", strange, "ranges name an unknown robot")]
     alone = source[rows] == target[rows]
     rows = rows[tidy.drop(faults, data.place, "self", alone, "ranges go from a robot to itself")]
     rows = rows[tidy.sorted_rows(faults, data.place, data.stamp[rows])]
-    columns = (one.range, one.raw, one.sigma, one.sequence)
-    return (
-        data.stamp[rows],
-        data.messages.log_time[rows],
-        source[rows],
-        target[rows],
-        *(column[rows] for column in columns),
-    )
+    ends = (data.stamp, data.messages.log_time, source, target)
+    columns = (*ends, one.range, one.raw, one.sigma, one.sequence)
+    if len(rows) == len(data.stamp) and np.all(np.diff(rows) > 0):
+        return columns
+    return tuple(column[rows] for column in columns)
 
 
 def _ends(team: Team, end: Indices | str, count: int) -> Indices:
@@ -187,12 +207,13 @@ def innovations(log: Log, topic: str, team: Team) -> Innovations:
     """What a filter made of each range."""
     if log.struct(topic).name != "clt_msgs/Innovation":
         raise LogError(f"{log.name}: {topic}: {log.topics[topic].type} is not clt_msgs/Innovation")
-    names = ["source", "target", "accepted", "residual", "sigma", "nis"]
-    data = table(log, topic, names, log_time=False)
-    source, target = (of_ids(team, data.integers(name)) for name in names[:2])
-    residual, sigma, nis = (data.floats(name) for name in names[3:])
+    data = table(log, topic, list(INNOVATION), log_time=False)
+    source, target = (of_ids(team, data.integers(name)) for name in INNOVATION[:2])
+    residual, sigma, nis = (data.floats(name) for name in INNOVATION[3:])
     good = data.decoded.good
-    rows = tidy.usable(log.faults, topic, good, residual, sigma, nis, most=math.inf)
+    rows = tidy.usable(log.faults, topic, good, residual, sigma, nis / tidy.MOST)
+    wrong = (sigma[rows] <= 0.0) | (nis[rows] < 0.0)
+    rows = rows[tidy.drop(log.faults, topic, "absurd", wrong, "rows hold a sigma or NIS below 0")]
     strange = (source[rows] < 0) | (target[rows] < 0)
     rows = rows[tidy.drop(log.faults, topic, "unknown", strange, "rows name an unknown robot")]
     rows = rows[tidy.sorted_rows(log.faults, topic, data.stamp[rows])]

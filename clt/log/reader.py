@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from clt.errors import LogError
@@ -12,12 +11,14 @@ from clt.log import template
 from clt.log.faults import Faults
 from clt.log.gathered import Gathered
 from clt.log.msgdef import DefinitionError, Struct, parse, short
+from clt.log.opened import Joined, Scanned, opened
 from clt.log.records import Document, Header, Metadata
-from clt.log.scan import Channel, Scan
+from clt.log.scan import Channel
 from clt.log.table import Messages
 from clt.streams import Attachment
 
-STDIN = Path("-")
+Fields = Callable[[str, Struct], Sequence[str] | None]
+"""Topic and type to the fields that will be decoded; None: keep the messages whole."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,8 @@ class Log:
     faults: Faults
     sha256: str
     gathered: Gathered
+    files: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of each file of a bag's folder, by name."""
 
     def messages(self, topic: str) -> Messages:
         """The messages of a wanted topic, in file order."""
@@ -83,33 +86,31 @@ class Log:
 
         Raises LogError for a definition that makes no sense, PathError for an unknown field.
         """
+        found = self.gathered.columns(topic, paths)
+        if found is not None:
+            return found
         struct, messages = self.struct(topic), self.messages(topic)
-        schema = self.topics[topic].channels[0].schema
-        text = "" if schema is None else schema.data.decode("utf-8")
-
-        def ordinary(rest: Messages) -> template.Decoded:
-            from clt.log import ordinary as slow  # noqa: PLC0415 - seldom needed, slow to import
-
-            return slow.decode(rest, struct, text, paths)
-
-        return messages, template.decode(messages, struct, paths, ordinary)
+        return messages, template.decode(messages, struct, paths, self.gathered.budget)
 
 
-def read(path: Path, want: Callable[[str, str], bool]) -> Log:
-    """Read a log; `-` is standard input. `want` tells by topic and type what to keep.
+def read(path: Path, want: Callable[[str, str], bool], fields: Fields | None = None) -> Log:
+    """Read a log; `-` is standard input, a folder the bag in it.
 
-    Raises LogError naming the file: missing, a directory, empty, not MCAP, without messages.
+    `fields` names what `Log.decode` will be asked for, so that messages need not be held whole.
+
+    `want` says by topic and type what to keep.
+    Raises LogError naming the file: missing, empty, no log, without messages.
     """
-    if path == STDIN:
-        return _read(Scan(sys.stdin.buffer, "standard input"), want)
     try:
-        with path.open("rb", buffering=0) as file:
-            return _read(Scan(file, str(path)), want)
+        with opened(path, want) as scan:
+            return _read(scan, want, fields)
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from None
+    except MemoryError:
+        raise LogError(f"{path}: memory ran out while reading it") from None
 
 
-def _read(scan: Scan, want: Callable[[str, str], bool]) -> Log:
+def _read(scan: Scanned, want: Callable[[str, str], bool], fields: Fields | None) -> Log:
     header = Header("", "")
     channels: list[Channel] = []
     metadata: list[Metadata] = []
@@ -120,7 +121,9 @@ def _read(scan: Scan, want: Callable[[str, str], bool]) -> Log:
             case Channel():
                 channels.append(event)
                 name = "" if event.schema is None else short(event.schema.name)
-                gathered.add_channel(keep=want(event.topic, name))
+                keep = want(event.topic, name)
+                plan = _plan(event, fields) if keep and fields is not None else None
+                gathered.add_channel(keep, event.topic, plan)
             case Messages():
                 gathered.add(event)
             case Metadata():
@@ -142,25 +145,35 @@ def _read(scan: Scan, want: Callable[[str, str], bool]) -> Log:
         faults,
         scan.sha256(),
         gathered.packed(),
+        scan.digests if isinstance(scan, Joined) else {},
     )
+
+
+def _plan(channel: Channel, fields: Fields) -> tuple[Struct, Sequence[str]] | None:
+    """The type of a channel and the fields to decode; None where that cannot be said."""
+    schema = channel.schema
+    if schema is None or (channel.encoding, schema.encoding) != ("cdr", "ros2msg"):
+        return None
+    try:
+        struct = parse(schema.name, schema.data.decode("utf-8"))
+    except (DefinitionError, UnicodeDecodeError):
+        return None
+    paths = fields(channel.topic, struct)
+    return None if paths is None else (struct, paths)
 
 
 def _topics(channels: Sequence[Channel], gathered: Gathered) -> dict[str, Topic]:
     """Topics by name; a topic may have several channels, as in joined files."""
-    topics: dict[str, Topic] = {}
+    found: dict[str, list[Channel]] = {}
     for channel in channels:
-        count = gathered.counts[channel.number]
-        topic = topics.get(channel.topic)
-        if topic is None:
-            topics[channel.topic] = Topic(channel.topic, (channel,), count)
-        else:
-            topics[channel.topic] = replace(
-                topic, channels=(*topic.channels, channel), count=topic.count + count
-            )
-    return topics
+        found.setdefault(channel.topic, []).append(channel)
+    return {
+        name: Topic(name, tuple(several), sum(gathered.counts[one.number] for one in several))
+        for name, several in found.items()
+    }
 
 
-def _nothing(scan: Scan) -> str:
+def _nothing(scan: Scanned) -> str:
     faults = scan.faults.all()
     why = "" if len(faults) == 0 else f" ({faults[0].text.removeprefix(scan.name + ': ')})"
     return f"{scan.name}: the log has no messages{why}"

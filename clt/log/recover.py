@@ -10,6 +10,7 @@ from typing import Any, BinaryIO
 from mcap.writer import Writer
 
 from clt.errors import LogError
+from clt.log.definitions import definitions
 from clt.log.records import Document, Header, Metadata, Schema
 from clt.log.scan import Channel, Scan
 from clt.log.stream import Counted
@@ -31,17 +32,18 @@ class Recovered:
 def recover(path: Path, file: BinaryIO) -> Recovered:
     """Copy every sound record of the log at `path` (`-`: standard input) into `file`.
 
-    Any profile and encoding; `file` need not be seekable. Raises LogError where the input is no
+    Any profile and encoding; `file` need not be seekable. Schemas and channels are taken from the
+    summary where its checksum holds. Raises LogError where the input is no
     MCAP file at all or nothing of it can be saved.
     """
     if path == Path("-"):
-        return _recover(Scan(sys.stdin.buffer, "standard input"), file)
+        return _recover(Scan(sys.stdin.buffer, "standard input", ()), file)
     try:
         source = path.open("rb", buffering=0)
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from None
     with source:
-        return _recover(Scan(source, str(path)), file)
+        return _recover(Scan(source, str(path), definitions(source)), file)
 
 
 def _recover(scan: Scan, file: BinaryIO) -> Recovered:

@@ -65,6 +65,19 @@ class Roles:
     innovation: str | None = None
     frames: dict[str, Stream] = field(default_factory=dict)
 
+    @property
+    def streams(self) -> list[Stream | RangeStream]:
+        """The topics of all roles but innovations, one per role."""
+        robots = (self.odometry, self.truth, self.estimate, self.dead_reckoning, self.frames)
+        named = [stream for streams in robots for stream in streams.values()]
+        return [*named, *(stream for _, stream in self.ranges)]
+
+    @property
+    def topics(self) -> frozenset[str]:
+        """Every topic that plays a role."""
+        topics = {stream.topic for stream in self.streams}
+        return frozenset(topics if self.innovation is None else {*topics, self.innovation})
+
 
 def role_of(topic: str) -> tuple[str, Role] | None:
     """Robot and role of a topic by clt's names; None for a stranger."""
@@ -77,7 +90,10 @@ def role_of(topic: str) -> tuple[str, Role] | None:
 def natural(text: str) -> list[tuple[int, str]]:
     """Sort key that counts as people do: R2 before R10."""
     parts = re.split(r"([0-9]+)", text)
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
+    numbers = (part.lstrip("0") for part in parts[1::2])
+    keys = [(-1, part) for part in parts]
+    keys[1::2] = [(len(digits), digits) for digits in numbers]
+    return keys
 
 
 def by_name(topics: Iterable[str], want: frozenset[str]) -> Roles:

@@ -192,7 +192,7 @@ class _Painter:
     def fixed(self, robot: Robot) -> tuple[float, float] | None:
         """Where a static robot stands in `frame`, or None where nobody knows."""
         truth = self.recording.truth.get(robot.name)
-        if robot.static and robot.position is not None and self.frame == WORLD:
+        if robot.static and robot.position is not None and self.frame == self.recording.team.frame:
             return robot.position
         if robot.static and truth is not None and truth.frame == self.frame and truth.x.size > 0:
             return float(truth.x[0]), float(truth.y[0])

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clt.log.load import LoadedLog
-from clt.streams import Indices, Odometry, Poses, Ranges, Recording, Stamps, Team
+from clt.streams import Indices, Odometry, Poses, Ranges, Recording, Robot, Stamps, Team
 
 SLOW = 3.0
 """A gap is an interval longer than so many median intervals."""
@@ -67,8 +69,8 @@ def summarize(recording: Recording) -> Summary:
         "dead_reckoning": recording.dead_reckoning,
     }
     frames = {
-        robot.name: recording.frames.stamp[recording.frames.source == index]
-        for index, robot in enumerate(recording.team.robots)
+        recording.team.robots[index].name: recording.frames.stamp[recording.frames.source == index]
+        for index in np.unique(recording.frames.source).tolist()
     }
     stamps = [stream.stamp for streams in tracks.values() for stream in streams.values()]
     stamps = [
@@ -84,7 +86,7 @@ def summarize(recording: Recording) -> Summary:
             role: {name: rhythm(stream.stamp) for name, stream in streams.items()}
             for role, streams in tracks.items()
         }
-        | {"frames": {name: rhythm(stamp) for name, stamp in frames.items() if len(stamp) > 0}},
+        | {"frames": {name: rhythm(stamp) for name, stamp in frames.items()}},
         pair_rhythms(recording.ranges, recording.team),
         0 if found is None else len(found.stamp),
         0 if found is None else int(np.count_nonzero(found.accepted)),
@@ -94,8 +96,10 @@ def summarize(recording: Recording) -> Summary:
 def pair_rhythms(ranges: Ranges, team: Team) -> dict[tuple[str, str], Rhythm]:
     """Rhythm of the ranges from each source to each target that has any."""
     count = len(team.robots)
-    code = ranges.source * count + ranges.target
-    order = np.argsort(code.astype(np.uint16) if count <= 256 else code, kind="stable")
+    narrow = np.dtype(np.uint16 if count <= 256 else np.int64)
+    code: NDArray[Any] = ranges.source.astype(narrow) * narrow.type(count)
+    code += ranges.target.astype(narrow)
+    order = np.argsort(code, kind="stable")
     bounds: Indices = np.flatnonzero(np.diff(code[order])) + 1
     groups = np.split(order, bounds) if len(order) > 0 else []
     names = team.names
@@ -111,12 +115,14 @@ def as_dict(loaded: LoadedLog, summary: Summary) -> dict[str, object]:
     return {
         "log": loaded.path,
         "sha256": loaded.sha256,
+        "files": dict(loaded.files),
         "profile": loaded.profile,
         "library": loaded.library,
         "start_ns": summary.start,
         "end_ns": summary.end,
         "duration": summary.duration,
-        "robots": {name: _robot(recording, summary, name) for name in recording.team.names},
+        "frame": recording.team.frame,
+        "robots": {robot.name: _robot(robot, summary) for robot in recording.team.robots},
         "pairs": [
             {"source": source, "target": target, **vars(found)}
             for (source, target), found in summary.pairs.items()
@@ -130,18 +136,13 @@ def as_dict(loaded: LoadedLog, summary: Summary) -> dict[str, object]:
             {"name": item.name, "media_type": item.media_type, "bytes": len(item.data)}
             for item in recording.attachments
         ],
-        "topics": [
-            {"name": topic.name, "type": topic.type, "count": topic.count}
-            for topic in loaded.topics.values()
-        ],
         "faults": [dict(vars(fault)) for fault in recording.faults],
     }
 
 
-def _robot(recording: Recording, summary: Summary, name: str) -> dict[str, object]:
-    robot = recording.team.robots[recording.team.index(name)]
+def _robot(robot: Robot, summary: Summary) -> dict[str, object]:
     streams = {
-        role: vars(found[name]) if name in found else None
+        role: vars(found[robot.name]) if robot.name in found else None
         for role, found in summary.streams.items()
     }
     return {
@@ -155,11 +156,9 @@ def _robot(recording: Recording, summary: Summary, name: str) -> dict[str, objec
 
 def _document(value: str) -> object:
     """The JSON that a value of `clt.run` spells, else the text itself; no NaN, no infinity."""
-
-    def refuse(constant: str) -> object:
-        raise ValueError(constant)
-
     try:
-        return json.loads(value, parse_constant=refuse)
+        found: object = json.loads(value)
+        json.dumps([[[[found]]]], allow_nan=False, indent=1)  # as deep as `as_dict` holds it
     except (ValueError, RecursionError):
         return value
+    return found

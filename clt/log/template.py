@@ -8,45 +8,48 @@ next message that differs makes the next layout.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from clt.log import fallback
 from clt.log.msgdef import Struct
 from clt.log.paths import Leaf, resolve
 from clt.log.table import Bytes, Messages, gather
-from clt.log.wire import Layout, ShapeError, Spot, WireError, lay_out
+from clt.log.wire import Budget, Layout, ShapeError, Spot, WireError, lay_out
 from clt.streams import Indices
 
 Column = NDArray[np.generic]
 Mask = NDArray[np.bool_]
 LAYOUTS = 64
-"""After so many layouts of one topic the ordinary decoder takes the rest."""
+"""After so many layouts of one topic the rest is read message by message."""
 GAP = 64
 """Fields at most so many bytes apart are fetched together."""
 
 
 @dataclass(frozen=True)
 class Decoded:
-    """Columns of n messages by field path, shape (n,), or (n, k) for an array of k numbers."""
+    """Columns of n messages by field path, shape (n,), or (n, k) for an array of k numbers.
+
+    A text is an object, shared by the messages that hold the same: its length costs no row.
+    """
 
     columns: Mapping[str, Column]
     good: Mask
     """False where the bytes of a message do not fit its definition; its row is empty."""
 
 
-Ordinary = Callable[[Messages], Decoded]
-
-
-def decode(messages: Messages, struct: Struct, paths: Sequence[str], ordinary: Ordinary) -> Decoded:
+def decode(
+    messages: Messages, struct: Struct, paths: Sequence[str], budget: Budget | None = None
+) -> Decoded:
     """The wanted fields of `messages`, all of the type `struct`.
 
-    `ordinary` decodes the messages that no layout fits. Raises PathError for a path that
-    names no column.
+    What is left of the `budget` bounds the work. Raises PathError for a path that names no column.
     """
+    budget = Budget() if budget is None else budget
     count = len(messages.offset)
     leaves = {path: resolve(struct, path) for path in paths}
     good = np.ones(count, np.bool_)
@@ -58,7 +61,7 @@ def decode(messages: Messages, struct: Struct, paths: Sequence[str], ordinary: O
         first = int(messages.offset[rows[0]])
         sample = messages.data[first : first + int(messages.length[rows[0]])].tobytes()
         try:
-            layout = lay_out(struct, sample, paths)
+            layout = lay_out(struct, sample, paths, budget)
         except WireError:
             good[rows[0]] = False
             rows = rows[1:]
@@ -70,9 +73,10 @@ def decode(messages: Messages, struct: Struct, paths: Sequence[str], ordinary: O
         parts.append((rows[fits], columns))
         rows = rows[~fits]
     if len(rows) > 0:
-        rest = ordinary(messages.select(rows))
-        good[rows] = rest.good
-        parts.append((rows, rest.columns))
+        read, rest = fallback.decode(messages, rows, struct, leaves, budget)
+        good[rows] = False
+        good[read] = True
+        parts.append((read, rest))
     places = [rows for rows, _ in parts]
     columns = {
         path: _join(leaf, [part[path] for _, part in parts], places, count)
@@ -96,7 +100,7 @@ def _fits(messages: Messages, rows: Indices, layout: Layout, sample: bytes) -> M
 def _columns(data: Bytes, starts: Indices, layout: Layout) -> dict[str, Column]:
     """The fields of all messages that share a layout; neighbours are fetched together."""
     empty = [path for path, spot in layout.spots.items() if spot.count == 0]
-    columns: dict[str, Column] = {path: np.full(len(starts), "") for path in empty}
+    columns: dict[str, Column] = {path: np.full(len(starts), "", np.object_) for path in empty}
     for block in _blocks(layout.spots):
         first = layout.spots[block[0]].offset
         kinds = [_numpy_kind(layout.spots[path], layout.order) for path in block]
@@ -148,7 +152,7 @@ def _text(raw: Column) -> Column:
     else:
         distinct, which = np.unique(raw, return_inverse=True)
     texts = [bytes(text).decode("utf-8", "replace") for text in distinct]
-    return np.array(texts, np.str_)[which]
+    return np.array(texts, np.object_)[which]
 
 
 def _join(leaf: Leaf, pieces: Sequence[Column], rows: Sequence[Indices], count: int) -> Column:
@@ -156,8 +160,8 @@ def _join(leaf: Leaf, pieces: Sequence[Column], rows: Sequence[Indices], count: 
     if len(pieces) == 1 and len(rows[0]) == count:
         return pieces[0]
     shape = (count,) if leaf.size is None else (count, leaf.size)
-    kind = np.result_type("U1", *pieces) if leaf.kind == "text" else np.dtype(leaf.kind)
-    whole: Column = np.zeros(shape, kind)
+    text = leaf.kind == "text"
+    whole: Column = np.full(shape, "", np.object_) if text else np.zeros(shape, leaf.kind)
     for place, piece in zip(rows, pieces, strict=True):
         whole[place] = piece
     return whole

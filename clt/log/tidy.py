@@ -10,6 +10,8 @@ from clt.streams import Floats, Indices, Stamps
 
 Mask = NDArray[np.bool_]
 
+BLOCK = 1 << 16
+"""Ranges that are compared with each other at a time, and those of the last one's stamp."""
 MOST = 1e12
 """No measurement in SI units is larger; squares of what passes are still numbers."""
 
@@ -60,15 +62,33 @@ def distinct(
     Of several with the same stamp and the same ends the first stays; of A-B and B-A with the same
     stamp and the same value likewise, since that is one measurement told twice.
     """
+    again, mirrored = np.zeros(len(stamp), np.bool_), np.zeros(len(stamp), np.bool_)
+    begin = 0
+    while begin < len(stamp):  # block by block, so that memory holds little besides
+        end = len(stamp)
+        if end - begin > BLOCK:
+            end = int(np.searchsorted(stamp, stamp[begin + BLOCK], side="right"))
+        some = slice(begin, end)
+        table = (stamp[some], source[some], target[some], value[some])
+        again[some], mirrored[some] = _repeated(*table, robots)
+        begin = end
+    keep = _redundant(faults, "ranges", again, "repeat the stamp and both ends of another")
+    return keep & _redundant(faults, "ranges", mirrored, "mirror another, A-B as B-A")
+
+
+def _repeated(
+    stamp: Stamps, source: Indices, target: Indices, value: Floats, robots: int
+) -> tuple[Mask, Mask]:
+    """Which ranges repeat stamp and ends, and which of the others mirror one."""
+    source, target = source.astype(np.int64), target.astype(np.int64)
     epoch = np.zeros(len(stamp), np.int64)
     epoch[1:] = np.cumsum(np.diff(stamp) != 0)
     again = _repeats(epoch * robots**2 + source * robots + target)
-    keep = _redundant(faults, "ranges", again, "repeat the stamp and both ends of another")
     low, high = np.minimum(source, target), np.maximum(source, target)
-    rows = np.flatnonzero(keep)
+    rows = np.flatnonzero(~again)
     mirrored = np.zeros(len(stamp), np.bool_)
     mirrored[rows] = _repeats((epoch * robots**2 + low * robots + high)[rows], value[rows])
-    return keep & _redundant(faults, "ranges", mirrored, "mirror another, A-B as B-A")
+    return again, mirrored
 
 
 def _repeats(key: Indices, value: Floats | None = None) -> Mask:

@@ -11,7 +11,9 @@ import numpy as np
 from clt.log.msgdef import Field, Struct
 
 STEPS = 10_000
-"""As many values and lengths of one message are walked."""
+"""As many values and lengths of one message are walked for a layout that others may share."""
+WORK = 20_000_000
+"""As many values and lengths of one log are walked in all."""
 
 
 class WireError(Exception):
@@ -19,7 +21,14 @@ class WireError(Exception):
 
 
 class ShapeError(Exception):
-    """The message is beyond what a layout describes; the ordinary decoder may read it."""
+    """The message is beyond what a layout describes: wide strings, or more values than allowed."""
+
+
+@dataclass
+class Budget:
+    """The walking that is left for a log."""
+
+    left: int = WORK
 
 
 class EnoughError(Exception):
@@ -47,30 +56,36 @@ class Layout:
     spots: dict[str, Spot] = field(default_factory=dict)
 
 
-def lay_out(struct: Struct, message: bytes, wanted: Collection[str]) -> Layout:
+def lay_out(
+    struct: Struct, message: bytes, wanted: Collection[str], budget: Budget, steps: int = STEPS
+) -> Layout:
     """The layout of one message, with a spot for each wanted path.
 
     Raises WireError where the bytes do not fit the definition or lack a wanted element,
-    ShapeError for wide strings and for more than STEPS values.
+    ShapeError for wide strings and for more than `steps` values or what is left of the budget.
     """
     if len(message) < 4 or message[0] != 0 or message[1] > 1:
         raise WireError("not plain CDR")
-    walker = _Walker(message, frozenset(wanted))
-    with contextlib.suppress(EnoughError):
-        walker.struct(struct, "")
+    walker = _Walker(message, frozenset(wanted), min(steps, budget.left))
+    try:
+        with contextlib.suppress(EnoughError):
+            walker.struct(struct, "")
+    finally:
+        budget.left -= walker.steps
     if len(walker.layout.spots) < len(walker.wanted):
         raise WireError("a wanted element is absent")
     return walker.layout
 
 
 class _Walker:
-    def __init__(self, message: bytes, wanted: frozenset[str]) -> None:
+    def __init__(self, message: bytes, wanted: frozenset[str], most: int) -> None:
         self.message = message
         self.wanted = wanted
         self.indexed = {path.rpartition("[")[0] for path in wanted if path.endswith("]")}
         self.layout = Layout("<" if message[1] == 1 else ">")
         self.at = 4
         self.steps = 0
+        self.most = most
 
     def struct(self, struct: Struct, prefix: str) -> None:
         if len(struct.fields) == 0:
@@ -130,7 +145,7 @@ class _Walker:
     def move(self, size: int, align: int) -> int:
         """Pass over `size` bytes behind the padding; their offset."""
         self.steps += 1
-        if self.steps > STEPS:
+        if self.steps > self.most:
             raise ShapeError
         start = self.at + (4 - self.at) % align
         self.at = start + size

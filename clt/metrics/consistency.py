@@ -1,8 +1,7 @@
-"""Whether an estimate is as good as it says: NEES, 3-sigma shares, NIS."""
+"""Whether an estimate is as good as it says: NEES, 3-sigma shares."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
 from clt.metrics.associate import Matched
-from clt.streams import Floats, Innovations, Team
+from clt.streams import Floats
 
 DIMENSION = 3
 SINGULAR = 1e-10
@@ -92,47 +91,3 @@ def inside_three_sigma(matched: Matched) -> Floats | None:
     known = np.isfinite(error) & np.isfinite(variance)
     inside = error**2 <= 9.0 * np.where(known, variance, 0.0)
     return np.where(known, inside.astype(np.float64), np.nan)
-
-
-@dataclass(frozen=True)
-class PairNis:
-    """Ranges of one pair of robots, both directions together."""
-
-    count: int
-    rejected: float
-    """Share that the filter refused."""
-    nis: float | None
-    """Mean of the accepted ones, 1 for a consistent filter; None if none was accepted."""
-
-
-def pair_nis(innovations: Innovations, team: Team) -> Mapping[str, PairNis]:
-    """Innovations by pair, named `A-B` in the order of the team."""
-    names, n = team.names, len(team.robots)
-    low = np.minimum(innovations.source, innovations.target)
-    high = np.maximum(innovations.source, innovations.target)
-    used = innovations.accepted & np.isfinite(innovations.nis)
-    key = low * n + high
-    count = np.bincount(key, minlength=n * n)
-    refused = np.bincount(key[~innovations.accepted], minlength=n * n)
-    accepted = np.bincount(key[used], minlength=n * n)
-    total = np.bincount(key[used], innovations.nis[used], minlength=n * n)
-    return {
-        f"{names[k // n]}-{names[k % n]}": PairNis(
-            count=int(count[k]),
-            rejected=float(refused[k] / count[k]),
-            nis=float(total[k] / accepted[k]) if accepted[k] > 0 else None,
-        )
-        for k in np.flatnonzero(count).tolist()
-    }
-
-
-def all_nis(innovations: Innovations) -> PairNis | None:
-    """The same over all pairs. None without innovations."""
-    if len(innovations.stamp) == 0:
-        return None
-    used = innovations.nis[innovations.accepted & np.isfinite(innovations.nis)]
-    return PairNis(
-        count=len(innovations.stamp),
-        rejected=float(np.mean(~innovations.accepted)),
-        nis=float(np.mean(used)) if len(used) > 0 else None,
-    )

@@ -25,13 +25,9 @@ def missing(
     estimates: Mapping[str, Poses],
     targets: Mapping[str, Poses],
 ) -> list[Warned]:
-    """Robots without truth, relative truth that is short, moving robots without an estimate."""
+    """Relative truth that is short, moving robots without an estimate, truth in several frames."""
     egos = {name: ego_of(track.frame, team.names) for name, track in estimates.items()}
-    warnings = [
-        Warned(f"{name}: no truth, not scored", partial=True)
-        for name in estimates
-        if name not in truth
-    ]
+    warnings: list[Warned] = []
     for name, ego in egos.items():
         if ego is not None and name in truth:
             warnings += _apart(name, ego, truth, targets.get(name))

@@ -8,10 +8,10 @@ from dataclasses import replace
 from clt.errors import CltError
 from clt.metrics.align import Align, Transform
 from clt.metrics.associate import Matched, associate
-from clt.metrics.consistency import all_nis, pair_nis
 from clt.metrics.doubts import diverged, doubts, missing
 from clt.metrics.errors import Delta
 from clt.metrics.evaluation import EvaluateOptions, Evaluation, Side
+from clt.metrics.pairs import all_nis, pair_nis
 from clt.metrics.register import Scene, choose, mirrors, register
 from clt.metrics.scores import score
 from clt.metrics.tracks import check_frames, clean, frame_of, in_frame
@@ -57,6 +57,7 @@ def evaluate(recording: Recording, options: EvaluateOptions | None = None) -> Ev
         options=options,
         estimate=estimate,
         dead_reckoning=dead_reckoning,
+        unscored=tuple(name for name in estimates if name not in truth),
         pairs={} if innovations is None else pair_nis(innovations, recording.team),
         all_pairs=None if innovations is None else all_nis(innovations),
         mirror=mirror is not None,

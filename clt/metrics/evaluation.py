@@ -8,8 +8,8 @@ from typing import Any
 
 from clt.metrics.align import Align, Transform
 from clt.metrics.associate import Association, Matched
-from clt.metrics.consistency import PairNis
 from clt.metrics.errors import Delta
+from clt.metrics.pairs import PairNis
 from clt.metrics.scores import Score
 from clt.metrics.warned import Warned
 
@@ -56,6 +56,8 @@ class Evaluation:
     options: EvaluateOptions
     estimate: Side
     dead_reckoning: Side
+    unscored: tuple[str, ...]
+    """Robots with an estimate but without truth."""
     pairs: Mapping[str, PairNis]
     all_pairs: PairNis | None
     mirror: bool
@@ -69,6 +71,7 @@ class Evaluation:
 
     def as_dict(self, log: str) -> dict[str, Any]:
         """The object that `clt evaluate --json` prints."""
+        pairs = {name: _pair(pair) for name, pair in self.pairs.items()}
         robots = dict.fromkeys([*self.estimate.scores, *self.dead_reckoning.scores])
         return {
             "log": log,
@@ -94,11 +97,16 @@ class Evaluation:
                 "estimate": _dict(self.estimate.team),
                 "dead_reckoning": _dict(self.dead_reckoning.team),
             },
-            "ranges": None if self.all_pairs is None else asdict(self.all_pairs),
-            "pairs": {name: asdict(pair) for name, pair in self.pairs.items()},
+            "unscored": list(self.unscored),
+            "ranges": None if self.all_pairs is None else _pair(self.all_pairs) | pairs,
+            "pairs": pairs,
             "mirror": self.mirror,
             "warnings": [warned.text for warned in self.warnings],
         }
+
+
+def _pair(pair: PairNis) -> dict[str, Any]:
+    return {**asdict(pair), "significant": list(pair.significant)}
 
 
 def _dict(figures: Score | None) -> dict[str, Any] | None:

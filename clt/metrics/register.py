@@ -16,7 +16,7 @@ from clt.errors import CltError, UsageError
 from clt.metrics.align import Align, Transform, first, fit, flipped, mirrored
 from clt.metrics.associate import Matched
 from clt.metrics.warned import Warned
-from clt.streams import WORLD, Floats, Poses, Team
+from clt.streams import Floats, Poses, Team
 
 FEW = 10
 """With fewer matched poses, chance alone may favour the mirror image."""
@@ -38,7 +38,7 @@ class Scene:
 
 def known_anchors(scene: Scene) -> dict[str, tuple[Floats, Floats]]:
     """Static robots with truth that are not estimated: known and true position (2,) of each."""
-    if scene.relative or scene.frame != WORLD:
+    if scene.relative or scene.frame != scene.team.frame:
         return {}
     return {
         robot.name: (np.array(robot.position), _centre(scene.truth[robot.name]))

@@ -23,6 +23,8 @@ from clt.observability.track import Track, track
 from clt.streams import Floats, Poses, Ranges, Recording, Robot, Stamps
 
 LEAST_PERIOD = 1e-3
+MOST_STEPS = 5_000_000
+"""Steps of all robots together that memory holds: ten robots for 14 h in steps of 0.1 s."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,11 @@ def reference_of(recording: Recording, noise: Noise, dt: float) -> Reference:
     steps = int((end - begin) * 1e-9 / dt + 1e-6)
     if steps < 1:
         raise CltError(f"the {source} of all robots overlaps for less than {dt} s")
+    if steps * len(state) > MOST_STEPS:
+        raise CltError(
+            f"the {source} of all robots spans {steps * dt:.0f} s, too long to analyse in steps of "
+            f"{dt:g} s; choose a part with --from and --to"
+        )
     edges = begin + (np.arange(steps + 1) * dt * 1e9).astype(np.int64)
     pose = np.stack([_pose(robot, tracks, places, edges) for robot in state])
     spread = np.zeros((len(state), steps, 2))

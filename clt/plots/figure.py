@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from io import BytesIO
 from math import degrees
-from typing import BinaryIO, Literal
+from typing import BinaryIO
 
 import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from clt.metrics.evaluation import Evaluation
+from clt.plots import plain
 from clt.plots.panels import (
     heading_error,
     innovations,
@@ -19,27 +20,28 @@ from clt.plots.panels import (
     span,
     trajectories,
 )
-from clt.plots.style import INK, RC
+from clt.plots.style import INK, RC, UNDATED, Form
 from clt.streams import Recording
 
-Form = Literal["png", "svg", "pdf"]
-FORMS: dict[str, Form] = {".png": "png", ".svg": "svg", ".pdf": "pdf"}
-UNDATED: dict[Form, dict[str, None]] = {
-    "png": {"Software": None},
-    "svg": {"Date": None},
-    "pdf": {"CreationDate": None},
-}
-"""Nothing in a file may depend on when it was made."""
+MOST = 3
+"""As many robots without truth are named."""
 
 
-def draw(file: BinaryIO, form: Form, recording: Recording, evaluation: Evaluation) -> None:
-    """Write the figure; the same recording gives the same bytes."""
+def draw(file: BinaryIO, form: Form, recording: Recording, evaluation: Evaluation | None) -> None:
+    """Write the figure; the same recording gives the same bytes.
+
+    Without an evaluation it shows what was estimated, or only measured. Raises CltError where
+    there is nothing to draw.
+    """
+    if evaluation is None:
+        plain.draw(file, form, recording)
+        return
     with mpl.rc_context(RC):  # type: ignore[arg-type]
         figure = compose(recording, evaluation)
         figure.savefig(file, format=form, metadata=UNDATED[form])
 
 
-def svg(recording: Recording, evaluation: Evaluation) -> str:
+def svg(recording: Recording, evaluation: Evaluation | None) -> str:
     """The figure as an `<svg>` element, without the XML prologue."""
     buffer = BytesIO()
     draw(buffer, "svg", recording, evaluation)
@@ -88,12 +90,15 @@ def subtitle(recording: Recording, evaluation: Evaluation) -> str:
     """What was compared, and how."""
     team = evaluation.estimate.team
     count = len(painted(recording, evaluation))
+    rest = [name for name in recording.estimate if name not in evaluation.estimate.tracks]
     parts = [] if evaluation.filter is None else [f"filter {evaluation.filter}"]
     parts += [f"{count} robot{'s' if count != 1 else ''}", f"align {evaluation.align}"]
     if team is not None:
         parts.append(f"{team.matched} poses ({100 * team.share:.4g} % of the truth)")
         if team.anees is not None:
             parts.append(f"ANEES {team.anees.value:.3g} (3 expected)")
+    if len(rest) > 0:
+        parts.append(f"no truth: {', '.join(rest[:MOST])}" + (" ..." if len(rest) > MOST else ""))
     if evaluation.mirror:
         parts.append("MIRRORED")
     return "   \N{MIDDLE DOT}   ".join(parts)

@@ -13,8 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
 
 from clt.observability.windows import SEEN_HEADING, SEEN_POSITION, Windows
-from clt.plots.figure import UNDATED, Form
-from clt.plots.style import ALARM, FAINT, INK, RC, colour, quiet
+from clt.plots.style import ALARM, FAINT, INK, RC, UNDATED, Form, colour, quiet
 from clt.streams import Floats
 
 SHADES = (ALARM, "#E69F00", "#F0E442", "#CFE8DC")

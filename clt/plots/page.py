@@ -8,6 +8,7 @@ from math import degrees
 
 from clt.metrics.evaluation import Evaluation
 from clt.metrics.scores import Score
+from clt.plots import plain
 from clt.plots.figure import subtitle, svg, title
 from clt.streams import Recording
 
@@ -26,31 +27,38 @@ HEAD = (
 )  # fmt: skip
 
 
-def page(log: str, recording: Recording, evaluation: Evaluation) -> str:
-    """The whole page; it loads nothing from elsewhere."""
+def page(log: str, recording: Recording, evaluation: Evaluation | None) -> str:
+    """The whole page; it loads nothing from elsewhere. Raises CltError as `draw` does."""
+    figure = svg(recording, evaluation)
+    if evaluation is None:
+        return _whole(log, plain.title(recording), plain.subtitle(recording), figure)
     warnings = "\n".join(
         f'<p class="warning">{escape(warned.text)}</p>' for warned in evaluation.warnings
     )
     head = "".join(f"<th>{escape(name)}</th>" for name in HEAD)
-    return f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{escape(log)}: {escape(title(evaluation))}</title>
-<style>{STYLE}</style>
-</head>
-<body>
-<h1>{escape(log)}</h1>
-<p>{escape(subtitle(recording, evaluation))}</p>
-{svg(recording, evaluation)}
-{warnings}
+    rest = f"""{warnings}
 <table>
 <thead><tr>{head}</tr></thead>
 <tbody>
 {"".join(_rows(evaluation))}</tbody>
 </table>
-</body>
+"""
+    return _whole(log, title(evaluation), subtitle(recording, evaluation), figure + "\n" + rest)
+
+
+def _whole(log: str, headline: str, about: str, body: str) -> str:
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{escape(log)}: {escape(headline)}</title>
+<style>{STYLE}</style>
+</head>
+<body>
+<h1>{escape(log)}</h1>
+<p>{escape(about)}</p>
+{body}</body>
 </html>
 """
 

@@ -7,102 +7,119 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patheffects import withStroke
-from matplotlib.text import Annotation
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from clt.metrics.align import Transform
 from clt.metrics.associate import SECOND
 from clt.metrics.evaluation import Evaluation, Side
+from clt.plots.paths import LONG, NAMED, POINTS, ellipses, name, path, start, turn_names
 from clt.plots.style import ALARM, GREY, INK, colour, quiet
 from clt.plots.thin import broken, envelope, every
 from clt.streams import Floats, Innovations, Poses, Recording, Stamps
 
-NAMED = 8
-"""With more robots, names would hide the picture."""
-RIGHT = 0.7
-"""Where the right edge begins, as a share of the width."""
-LONG = 2.0
-"""Lines are broken across longer gaps, s."""
-POINTS = 2500
 TYPICAL, HEADROOM = 99.0, 1.6
 """An axis shows this percentile of the bounds and errors, with this much room above."""
 
 
 def painted(recording: Recording, evaluation: Evaluation) -> dict[str, str]:
-    """The robots that are drawn as trajectories, and their colours."""
+    """The robots whose errors are drawn, and their colours."""
+    tracks = evaluation.estimate.tracks
+    return {one: shade for one, shade in _colours(recording, evaluation).items() if one in tracks}
+
+
+def _colours(recording: Recording, evaluation: Evaluation) -> dict[str, str]:
+    """Colours of all robots that move."""
     moving = [robot.name for robot in recording.team.moving]
     names = list(evaluation.estimate.tracks) if evaluation.relative else moving
-    return {name: colour(k) for k, name in enumerate(names) if name in evaluation.estimate.tracks}
+    return {one: colour(k) for k, one in enumerate(names)}
 
 
 def trajectories(axes: Axes, recording: Recording, evaluation: Evaluation) -> None:
     """Truth dashed, estimate in colour, dead reckoning grey, static robots as squares."""
     colours = painted(recording, evaluation)
-    for name in evaluation.dead_reckoning.tracks:
-        if name in colours:  # it may leave the picture
-            track = _full(recording.dead_reckoning, evaluation.dead_reckoning, name, evaluation)
-            _path(axes, *track, color=GREY, linewidth=0.7, zorder=1)
-    for name, shade in colours.items():
-        stamp, points = _full(recording.estimate, evaluation.estimate, name, evaluation)
-        matched = evaluation.estimate.tracks[name]
-        _path(axes, stamp, points, color=shade, linewidth=1.5, zorder=3)
+    for one in evaluation.dead_reckoning.tracks:
+        if one in colours:  # it may leave the picture
+            track = _full(recording.dead_reckoning, evaluation.dead_reckoning, one, evaluation)
+            path(axes, *track, color=GREY, linewidth=0.7, zorder=1)
+    for one, shade in colours.items():
+        stamp, points = _full(recording.estimate, evaluation.estimate, one, evaluation)
+        matched = evaluation.estimate.tracks[one]
+        path(axes, stamp, points, color=shade, linewidth=1.5, zorder=3)
         truth = matched.truth[:, :2]
-        _path(axes, matched.stamp, truth, color=INK, linewidth=0.8, dashes=(5, 4), zorder=4)
+        path(axes, matched.stamp, truth, color=INK, linewidth=0.8, dashes=(5, 4), zorder=4)
         axes.update_datalim(np.concatenate([points, truth]))
-    for name, shade in colours.items():
-        x, y = evaluation.estimate.tracks[name].truth[0, :2]
-        axes.plot(x, y, "o", color=shade, markersize=6.5, markeredgecolor="white", zorder=6)
-        if len(colours) <= NAMED:
-            _name(axes, evaluation.label(name), x, y, shade)
+    unscored = {} if evaluation.relative else _unscored(axes, recording, evaluation)
+    few = len(colours) + len(unscored) <= NAMED
+    for one, shade in colours.items():
+        x, y = evaluation.estimate.tracks[one].truth[0, :2]
+        start(axes, evaluation.label(one) if few else None, x, y, shade)
+    for one, (x, y, shade) in unscored.items():
+        start(axes, f"{one}, no truth" if few else None, x, y, shade)
     if evaluation.relative:
         axes.plot(0.0, 0.0, ">", color=INK, markersize=8, zorder=7)
         egos = dict.fromkeys(frame.partition("/")[0] for frame in evaluation.frames.values())
-        _name(axes, ", ".join(egos), 0.0, 0.0, INK)
+        name(axes, ", ".join(egos), 0.0, 0.0, INK)
     else:
         _static(axes, recording, evaluation)
     frame = evaluation.frame if evaluation.relative else evaluation.truth_frame
     axes.set(title=f"Trajectories in {frame}", xlabel="x in m", ylabel="y in m")
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.1)
-    _turn_names(axes)
+    turn_names(axes)
     quiet(axes)
-    _key(axes, static=not evaluation.relative and len(recording.team.static) > 0)
+    static = not evaluation.relative and len(recording.team.static) > 0
+    _key(axes, static=static, bounded=len(axes.patches) > 0)
+
+
+def _unscored(
+    axes: Axes, recording: Recording, evaluation: Evaluation
+) -> dict[str, tuple[float, float, str]]:
+    """Estimates without truth, with covariance ellipses; where each begins and its colour.
+
+    None where each robot is aligned by itself: theirs is not known then.
+    """
+    shared = _shared(evaluation)
+    if shared is None:
+        return {}
+    begins = {}
+    for one, shade in _colours(recording, evaluation).items():
+        if one in evaluation.estimate.tracks or one not in recording.estimate:
+            continue
+        track = recording.estimate[one]
+        points = np.column_stack([track.x, track.y])
+        good = np.all(np.isfinite(points), axis=1)
+        if not np.any(good):
+            continue
+        points = shared.points(points[good])
+        path(axes, track.stamp[good], points, color=shade, linewidth=1.5, zorder=3)
+        if track.covariance is not None and np.isfinite(track.covariance).all():
+            ellipses(axes, points, shared.covariances(track.covariance[good])[:, :2, :2], shade)
+        axes.update_datalim(points)
+        begins[one] = (float(points[0, 0]), float(points[0, 1]), shade)
+    return begins
+
+
+def _shared(evaluation: Evaluation) -> Transform | None:
+    """The alignment of the whole team, if there is one."""
+    if evaluation.align == "se2-per-robot":
+        return None
+    return next(iter(evaluation.estimate.transforms.values()), None)
 
 
 def _full(
-    tracks: Mapping[str, Poses], side: Side, name: str, evaluation: Evaluation
+    tracks: Mapping[str, Poses], side: Side, robot: str, evaluation: Evaluation
 ) -> tuple[Stamps, Floats]:
     """Stamps and aligned positions: all there are, not only where the truth is.
 
     Relative positions only where they were matched.
     """
     if evaluation.relative:
-        return side.tracks[name].stamp, side.tracks[name].estimate[:, :2]
-    track = tracks[name]
+        return side.tracks[robot].stamp, side.tracks[robot].estimate[:, :2]
+    track = tracks[robot]
     points = np.column_stack([track.x, track.y])
     good = np.all(np.isfinite(points), axis=1)
-    return track.stamp[good], side.transforms[name].points(points[good])
-
-
-def _path(axes: Axes, stamp: Stamps, points: Floats, **look: object) -> None:
-    kept = every(len(points), POINTS)
-    x, y = broken(stamp[kept], points[kept], LONG).T
-    axes.add_line(Line2D(x, y, **look))  # type: ignore[arg-type]
-
-
-def _name(axes: Axes, name: str, x: float, y: float, shade: str) -> None:
-    text = axes.annotate(
-        name, (x, y), xytext=(6, 6), textcoords="offset points", color=shade, weight="bold"
-    )
-    text.set(zorder=8, path_effects=[withStroke(linewidth=2.5, foreground="white")])
-
-
-def _turn_names(axes: Axes) -> None:
-    """Names near the right edge stand left of their points."""
-    edge = axes.dataLim.x0 + RIGHT * axes.dataLim.width
-    for text in axes.texts:
-        if isinstance(text, Annotation) and text.xy[0] > edge:
-            text.set(ha="right", position=(-6, 6))
+    return track.stamp[good], side.transforms[robot].points(points[good])
 
 
 def _static(axes: Axes, recording: Recording, evaluation: Evaluation) -> None:
@@ -116,30 +133,32 @@ def _static(axes: Axes, recording: Recording, evaluation: Evaluation) -> None:
         else:
             continue
         axes.plot(x, y, "s", color=INK, markersize=7, zorder=5)
-        _name(axes, robot.name, x, y, INK)
+        name(axes, robot.name, x, y, INK)
         if robot.name in evaluation.estimate.tracks:
             place = evaluation.estimate.tracks[robot.name].estimate[-1]
             axes.plot(*place[:2], "s", color=INK, markersize=10, fillstyle="none", zorder=5)
 
 
-def _key(axes: Axes, *, static: bool) -> None:
-    lines = [
+def _key(axes: Axes, *, static: bool, bounded: bool) -> None:
+    lines: list[Line2D | Patch] = [
         Line2D([], [], color=colour(0), linewidth=1.5, label="estimate"),
         Line2D([], [], color=INK, linewidth=0.8, dashes=(5, 4), label="truth"),
         Line2D([], [], color=GREY, linewidth=0.7, label="dead reckoning"),
     ]
+    if bounded:
+        lines.append(Patch(facecolor=colour(0), alpha=0.3, label="3-sigma ellipse"))
     if static:
         lines.append(Line2D([], [], color=INK, marker="s", linestyle="", label="static robot"))
     axes.figure.legend(
-        handles=lines, ncols=4, loc="lower left", bbox_to_anchor=(0.045, 0.0), handlelength=2.2
+        handles=lines, ncols=5, loc="lower left", bbox_to_anchor=(0.045, 0.0), handlelength=2.2
     )
 
 
 def position_error(axes: Axes, recording: Recording, evaluation: Evaluation) -> None:
     """Distance to the truth over time, below 3 sigma of the longest axis of its covariance."""
     tops = []
-    for name, shade in painted(recording, evaluation).items():
-        matched = evaluation.estimate.tracks[name]
+    for robot, shade in painted(recording, evaluation).items():
+        matched = evaluation.estimate.tracks[robot]
         error = np.hypot(*matched.error[:, :2].T)
         _line(axes, matched.stamp, error, evaluation, color=shade, linewidth=0.8)
         tops.append(np.percentile(error, TYPICAL))
@@ -155,8 +174,8 @@ def position_error(axes: Axes, recording: Recording, evaluation: Evaluation) -> 
 def heading_error(axes: Axes, recording: Recording, evaluation: Evaluation) -> None:
     """Signed heading error over time between its 3-sigma bounds, degrees."""
     tops = []
-    for name, shade in painted(recording, evaluation).items():
-        matched = evaluation.estimate.tracks[name]
+    for robot, shade in painted(recording, evaluation).items():
+        matched = evaluation.estimate.tracks[robot]
         error = np.degrees(matched.error[:, 2])
         if not np.any(np.isfinite(error)):
             continue

@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from matplotlib.axes import Axes
+
+Form = Literal["png", "svg", "pdf"]
+FORMS: dict[str, Form] = {".png": "png", ".svg": "svg", ".pdf": "pdf"}
+UNDATED: dict[Form, dict[str, None]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None},
+    "pdf": {"CreationDate": None},
+}
+"""Nothing in a file may depend on when it was made."""
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """Okabe and Ito's palette without black and yellow."""

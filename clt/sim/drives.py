@@ -8,30 +8,34 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from clt.settings import Settings
-from clt.sim.values import NonNegative, Positive, off
+from clt.sim.values import NonNegative, Number, Positive, off
 
 
 class Wander(Settings):
     """Random smooth driving inside `team.area`."""
 
     kind: Literal["wander"] = "wander"
+    """How robots drive."""
     speed: Positive = 0.74
-    """Cruise speed; the mean speed is lower, for turns and walls."""
+    """Cruise speed, m/s; the mean speed is lower, for turns and walls."""
     acceleration: Positive = 0.6
+    """Most that is taken, m/s per s."""
     turn_rate: Positive = 1.0
+    """Highest, rad/s."""
     turn_acceleration: Positive = 2.0
+    """Highest, rad/s per s."""
     reach: Positive = 0.8
-    """A goal counts as reached at this distance."""
+    """A goal counts as reached at this distance, m."""
     margin: NonNegative = 0.6
-    """A robot nearly stops this far from a wall."""
+    """A robot nearly stops this far from a wall, m."""
 
 
 class Segment(Settings):
     """Driving with a constant twist."""
 
     duration: Positive
-    v: float
-    omega: float
+    v: Number
+    omega: Number
 
 
 class Segments(Settings):
@@ -39,11 +43,14 @@ class Segments(Settings):
 
     kind: Literal["segments"] = "segments"
     segments: Annotated[tuple[Segment, ...], Field(min_length=1)]
+    """Tables with duration in s, v in m/s and omega in rad/s."""
     ramp: Positive = 0.5
-    """The twist changes linearly over the first `ramp` seconds of a segment; it starts at rest."""
+    """The twist changes linearly over the first `ramp` of a segment, s; it starts at rest."""
     repeat: bool = False
+    """After the last segment comes the first one again."""
     turn_radius: Positive | None = off(None)
-    """A car's: no tighter turn is accepted. Curvature changes over a ramp: so long a car steers."""
+    """A car's, m: no tighter turn is accepted. Curvature changes over a ramp: so long
+    a car steers."""
 
     @model_validator(mode="after")
     def ramps_fit(self) -> Self:
@@ -75,8 +82,11 @@ class Circle(Settings):
 
     kind: Literal["circle"] = "circle"
     radius: Positive = 3.0
+    """Of the circle, m."""
     speed: Positive = 0.6
+    """Of a robot, m/s."""
     turn: Literal["left", "right"] = "left"
+    """Which way the circle turns."""
 
 
 class Stand(Settings):
@@ -97,11 +107,12 @@ class Sequence(Settings):
 
     kind: Literal["sequence"] = "sequence"
     phases: Annotated[tuple[Phase, ...], Field(min_length=1)]
+    """Tables with duration in s and the drive: a table of another kind."""
     ramp: Positive = 0.5
-    """Every phase begins and ends at rest: time for braking, and for joining a circle."""
+    """Every phase begins and ends at rest: time for braking, and for joining a circle, s."""
     margin: NonNegative = 0.3
     """A robot without a start of its own starts where phases of given twist stay this far from
-    the walls."""
+    the walls, m."""
 
 
 Trajectory = Annotated[Wander | Segments | Circle | Stand | Sequence, Field(discriminator="kind")]

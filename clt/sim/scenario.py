@@ -32,11 +32,16 @@ class Scenario(Settings):
     """Everything that decides the content of a simulated log."""
 
     name: str
+    """Of the scenario."""
     description: str = ""
+    """One line about it."""
     duration: Annotated[float, Field(gt=0.0, le=86400.0)]
+    """Of the log, s."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
+    """Of all randomness."""
     team: TeamTable
     robots: tuple[RobotTable, ...] = ()
+    """Those that differ from the others, each in a table `[[robots]]` of a scenario file."""
     trajectory: Trajectory = Wander()
     sensors: Sensors = Sensors()
     outliers: Outliers = Outliers()

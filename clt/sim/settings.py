@@ -8,7 +8,19 @@ from pydantic import Field, model_validator
 
 from clt.settings import Settings
 from clt.sim.drives import Trajectory
-from clt.sim.values import Area, Count, Name, NonNegative, Point, Pose, Positive, Rate, Share, off
+from clt.sim.values import (
+    Area,
+    Count,
+    Name,
+    NonNegative,
+    Number,
+    Point,
+    Pose,
+    Positive,
+    Rate,
+    Share,
+    off,
+)
 from clt.streams import Twist
 
 PairSet = Literal["all", "moving-static", "moving-moving"]
@@ -49,11 +61,14 @@ class TeamTable(Settings):
     """How many robots there are, and where."""
 
     moving: Annotated[Count, Field(ge=1)]
+    """How many robots drive."""
     static: Count
+    """How many stand still throughout."""
     area: Area = (0.0, 0.0, 12.0, 12.0)
-    """xmin, ymin, xmax, ymax."""
+    """xmin, ymin, xmax, ymax, m."""
     positions: tuple[Point, ...] = ()
-    """Of the static robots that have none of their own, in order; more are made up as needed."""
+    """x, y in m of the static robots that have none of their own, in order; more are made up as
+    needed."""
     known: bool = True
     """The log tells the positions of the static robots."""
 
@@ -78,13 +93,19 @@ class OdometrySensor(Settings):
     """Wheel odometry of the moving robots: measured = scale * true + bias + noise."""
 
     rate: Rate = 20.0
+    """Samples per second, Hz."""
     sigma_v: NonNegative = 0.2
+    """Noise of one sample, m/s."""
     sigma_omega: NonNegative = 0.1
+    """Noise of one sample, rad/s."""
     twist: Twist = "mean"
     """A sample is the mean over the interval that ends at its stamp, or an instant."""
     scale_v: Positive = 1.0
+    """Measured over true v of every robot."""
     scale_omega: Positive = 1.0
-    bias_omega: float = 0.0
+    """Measured over true omega of every robot."""
+    bias_omega: Number = 0.0
+    """Measured omega of every robot at rest, rad/s."""
     scale_sd: NonNegative = off(0.0)
     """Each robot's scales of v and of omega are off by errors of its own, relative; this is their
     standard deviation."""
@@ -101,14 +122,17 @@ class RangeSensor(Settings):
     """UWB ranges between antennas: measured = distance + bias + outlier + noise."""
 
     rate: Rate = 20.0
+    """Ranges of a pair per second, Hz."""
     sigma: NonNegative = 0.1
-    bias: float = 0.0
+    """Noise of one range, m."""
+    bias: Number = 0.0
+    """What every range is too long by, m."""
     pairs: PairSet | tuple[tuple[Name, Name], ...] = "all"
     """Which pairs measure; a list names the measuring end first."""
     measured_by: Literal["lower", "higher"] = "lower"
     """The end that measures, by id, where `pairs` is not a list."""
     max_range: Positive | None = None
-    """Pairs further apart do not hear each other."""
+    """Pairs further apart do not hear each other, m."""
     phase: Start = off("common")
     """The first ranges of all pairs come after one period, or at random within it."""
     rate_spread: Annotated[float, Field(ge=0.0, lt=1.0)] = off(0.0)
@@ -119,9 +143,11 @@ class TruthSensor(Settings):
     """The reference system."""
 
     rate: Rate = 20.0
+    """Poses per second, Hz."""
     sigma: NonNegative = 0.0
-    """Of a position, per axis."""
+    """Of a position, per axis, m."""
     sigma_heading: NonNegative = 0.0
+    """Of a heading, rad."""
 
 
 class Sensors(Settings):
@@ -138,9 +164,9 @@ class Outliers(Settings):
     share: Share = 0.0
     """Of all ranges."""
     mean: NonNegative = 1.0
-    """Mean excess, exponentially distributed."""
+    """Mean excess, m, exponentially distributed."""
     burst: NonNegative = 0.0
-    """Mean duration for which one pair keeps one excess; 0: every range for itself."""
+    """Mean duration for which one pair keeps one excess, s; 0: every range for itself."""
 
 
 class Oscillator(Settings):
@@ -148,14 +174,14 @@ class Oscillator(Settings):
 
     skew: Annotated[float, Field(ge=0.0, le=1e-4)] = 10e-6
     """Rate errors are uniform up to this, either way."""
-    skew_walk: NonNegative = 1e-10
+    skew_walk: Annotated[float, Field(ge=0.0, le=1e-4)] = 1e-10
     """Random walk of the rate, per square root of a second."""
-    phase_walk: NonNegative = 1e-11
-    """Random walk of the time itself, s per square root of a second."""
+    phase_walk: Annotated[float, Field(ge=0.0, le=1e-4)] = 1e-11
+    """Random walk of the time itself, s, per square root of a second."""
     warm_up: Annotated[float, Field(ge=0.0, le=1e-4)] = 0.0
     """Extra rate errors at the start are uniform up to this, either way, and die out."""
     warm_up_time: Annotated[float, Field(ge=1.0)] = 30.0
-    """Time constant of their dying out."""
+    """Time constant of their dying out, s."""
 
 
 class Radio(Settings):
@@ -167,9 +193,9 @@ class Radio(Settings):
     """
 
     rate: Annotated[float, Field(gt=0.0, le=200.0)] = 100.0
-    """Frames per second: in each every robot sends one packet."""
+    """Frames per second, Hz: in each every robot sends one packet."""
     slot: Positive | None = None
-    """From one robot's packet to the next one's; by default 1 ms, or less if a frame is short."""
+    """From one robot's packet to the next one's, s; by default 0.001, or less in short frames."""
     sigma: NonNegative = 150e-12
     """Noise of a receive time stamp, s."""
     antenna_delay: NonNegative = 0.0
@@ -187,12 +213,15 @@ class Network(Settings):
     loss: Share = 0.0
     """Share of the messages that never arrive."""
     delay_mean: NonNegative = 0.0
+    """Of one message, s."""
     delay_sd: NonNegative = 0.0
-    """Delays are normal, cut off at zero, and every message's own: they overtake each other."""
+    """Standard deviation, s: delays are normal, cut off at zero, and every message's own, so that
+    they overtake each other."""
     batch: NonNegative = off(0.0)
     """Period, s, at which a robot sends what it has gathered: a message waits for its end. Each
     robot's periods begin at a random time."""
-    clock_mean: float = off(0.0)
+    clock_mean: Number = off(0.0)
+    """What a robot's clock is ahead of true time by on average, s."""
     clock_sd: NonNegative = off(0.0)
     """A robot's clock, and so every stamp of its messages, is ahead of true time by a constant that
     is normal with this mean and standard deviation, s."""
@@ -212,7 +241,7 @@ class Communication(Settings):
     reach: Positive | None = None
     """How far a robot is heard, m; absent: everywhere."""
     rate: Rate = 10.0
-    """Rounds of messages per second."""
+    """Rounds of messages per second, Hz."""
     loss: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
     """Probability that a neighbour does not hear a message."""
     delay: NonNegative = 0.0

@@ -6,15 +6,18 @@ from typing import Annotated, TypeVar
 
 from pydantic import Field, StringConstraints
 
-Positive = Annotated[float, Field(gt=0.0)]
-NonNegative = Annotated[float, Field(ge=0.0)]
+MOST = 1e9
+"""Beyond every robot and every log; squares and sums of it are finite."""
+Positive = Annotated[float, Field(gt=0.0, le=MOST)]
+NonNegative = Annotated[float, Field(ge=0.0, le=MOST)]
+Number = Annotated[float, Field(ge=-MOST, le=MOST)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Rate = Annotated[float, Field(gt=0.0, le=1000.0)]
 Count = Annotated[int, Field(ge=0, le=1000)]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
-Point = tuple[float, float]
-Pose = tuple[float, float, float]
-Area = tuple[float, float, float, float]
+Point = tuple[Number, Number]
+Pose = tuple[Number, Number, Number]
+Area = tuple[Number, Number, Number, Number]
 T = TypeVar("T")
 
 

@@ -12,6 +12,8 @@ from typer.testing import CliRunner
 
 from clt.cli.app import COMMANDS, app
 from clt.cli.lazy import function
+from clt.filters import choices
+from clt.filters.world import FILTERPY, FILTERS
 
 FLAGS = ("--output", "-o", "--force", "--json", "--quiet", "-q", "--verbose", "-v", "--help", "-h")
 HEAVY = ("numpy", "pydantic", "numba", "matplotlib", "mcap", "clt.cli.demo", "clt.cli.localize")
@@ -76,10 +78,63 @@ def test_help_lists_every_command_and_imports_none(clt):
     assert done.stdout == "[]\n"
 
 
-def test_a_misspelt_command_is_refused_with_the_nearest_named(clt):
-    done = clt("localise", COLUMNS="100")
-    assert done.exit_code == 2
-    assert "No such command 'localise'. Did you mean 'localize'?" in done.stderr
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("localise", "no such command `localise`, did you mean `localize`?; see clt --help"),
+        ("qqq", "no such command `qqq`; see clt --help"),
+        ("--foo", "no such option --foo; see clt --help"),
+        ("evaluate --aling x", "evaluate: no such option --aling, did you mean `--align`?"),
+        ("localize", "localize: LOG is missing; see clt localize --help"),
+        ("localize a", "localize: -o/--output is missing; see clt localize --help"),
+        ("info a b c", "info: unexpected: b c; see clt info --help"),
+        ("info a --json=3", "info: --json takes no value; see clt info --help"),
+        ("simulate --seed", "simulate: --seed needs a value; see clt simulate --help"),
+        ("simulate --seed x", 'simulate: --seed must be a whole number, not "x"; see clt simu'),
+        ("simulate --duration x", 'simulate: --duration must be a number, not "x"; see clt simu'),
+        ("observability --moving 900", 'observability: --moving must be at most 200, not "900"'),
+        (
+            "evaluate a --align fist",
+            "evaluate: --align must be none, first, anchors, se2 or se2-per-robot, not",
+        ),
+        ("info a \x1b[2J\n", "info: unexpected: "),
+    ],
+)
+def test_wrong_usage_is_one_line_with_the_remedy(clt, line, said):
+    done = clt(*line.split(" "))
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert done.stderr.startswith(f"clt: error: {said}")
+    assert done.stderr.endswith("--help\n")
+    assert done.stderr.rstrip("\n").isprintable()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--filter", "esfk"), "clt: error: --filter esfk: unknown, did you mean `eskf`?\n"),
+        (("--frame", "eg:R1"), "clt: error: --frame eg:R1: unknown, did you mean `ego`?\n"),
+        (("--init", "trut"), "clt: error: --init trut: no such method or file, did you mean"),
+        (("--engine", "x"), "clt: error: --engine x: unknown; known: compiled, filterpy\n"),
+        (("--set", "nose=1"), "clt: error: --set: unknown key `nose`, did you mean `noise`?\n"),
+    ],
+)
+def test_slips_are_refused_before_anything_slow_is_imported(words, said):
+    """And before the log is read, which is not there."""
+    slow = ("numpy", "numba", "scipy")
+    code = (
+        "import sys, atexit; from clt.cli.app import app\n"
+        f"atexit.register(lambda: print([n for n in {slow!r} if n in sys.modules]))\n"
+        "app()"
+    )
+    line = [sys.executable, "-c", code, "localize", "none.mcap", "-o", "x.mcap", *words]
+    done = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "[]\n")
+    assert done.stderr.startswith(said)
+
+
+def test_the_names_of_filters_are_those_that_there_are():
+    assert tuple(FILTERS) == choices.NAMES
+    assert tuple(FILTERPY) == choices.THROUGH_FILTERPY
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -73,9 +73,14 @@ def test_several_logs_make_a_list_and_a_summary(log, tmp_path, synthetic):
     other = write(tmp_path / "other.mcap", synthetic(seed=1))
     data = json.loads(clt(log, other, "--json").stdout)
     assert [one["log"] for one in data] == [str(log), str(other)]
-    tables = clt(log, other).stdout
-    assert tables.count("APE (m)") == 2
-    assert "Team of each log" in tables
+    table = clt(log, other).stdout
+    assert "APE (m)" not in table
+    assert "Team of each log" in table
+    rows = [line for line in table.splitlines() if line.startswith(str(tmp_path)[:20])]
+    assert len(rows) == 2
+    every = clt(log, other, "-v").stdout
+    assert every.count("APE (m)") == 2
+    assert "Team of each log" in every
 
 
 def test_one_bad_log_does_not_stop_the_others(log, tmp_path):
@@ -105,6 +110,43 @@ def test_standard_input(log):
     data = json.loads(result.stdout)
     assert data["team"]["estimate"]["share"] == 1.0
     assert result.stderr == b""
+
+
+def test_robots_without_truth_are_listed_and_no_fault(tmp_path, synthetic):
+    recording = synthetic()
+    truth = {name: track for name, track in recording.truth.items() if name != "R2"}
+    path = write(tmp_path / "a.mcap", replace(recording, truth=truth))
+    result = clt(path)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert "not scored, without truth: R2" in result.stdout
+    data = json.loads(clt(path, "--json").stdout)
+    assert data["unscored"] == ["R2"]
+    assert set(data["robots"]) == {"R1", "R3"}
+
+
+def test_residuals_of_each_pair_are_in_the_json_and_the_table(log):
+    data = json.loads(clt(log, "--json").stdout)
+    figures = data["ranges"]["A1-R1"]
+    assert figures == data["pairs"]["A1-R1"]
+    for name in ("mean", "std", "autocorrelation", "rejected", "nis"):
+        assert isinstance(figures[name], float)
+    assert "residuals in m" in clt(log).stdout
+
+
+@pytest.mark.parametrize("value", [1e308, -1.0])
+def test_innovations_that_cannot_be_are_left_out_and_counted(tmp_path, synthetic, value):
+    recording = synthetic()
+    nis = recording.innovations.nis.copy()
+    nis[:3] = value
+    broken = replace(recording, innovations=replace(recording.innovations, nis=nis))
+    path = write(tmp_path / "a.mcap", broken)
+    result = clt(path)
+    assert result.exit_code == 3
+    assert f"{path}: /clt/innovation: 3 of" in result.stderr
+    assert not re.search("inf|nan", result.stdout)
+    data = json.loads(clt(path, "--json").stdout)
+    assert data["ranges"]["count"] == nis.size - 3
+    assert data["ranges"]["nis"] < 10.0
 
 
 def test_missing_estimate_ends_with_three(tmp_path, synthetic):

@@ -97,6 +97,24 @@ def test_a_table_for_people(clt):
     assert clt("init", "in.mcap", "-o", "-")[1].startswith("# Initial poses")
 
 
+def test_the_file_says_why_its_sigmas_are_wider(clt, tmp_path):
+    assert clt("init", "in.mcap", "-o", "poses.toml")[0] == 0
+    text = (tmp_path / "poses.toml").read_text()
+    assert "# sigma is 3 times the standard deviation that `clt init` prints" in text
+    assert clt("init", "in.mcap", "--method", "truth", "-o", "truth.toml")[0] == 0
+    assert "times the standard deviation" not in (tmp_path / "truth.toml").read_text()
+
+
+def test_which_mirror_image_was_taken_is_said(clt):
+    _, out, err = clt("init", "in.mcap", "--method", "motion", "--json")
+    (line,) = json.loads(out)["notes"]
+    assert "positive omega turns counter-clockwise" in line
+    assert line in err
+    assert "warning" not in err
+    assert line in clt("localize", "in.mcap", "-o", "out.mcap")[2]
+    assert json.loads(clt("init", "in.mcap", "--method", "truth", "--json")[1])["notes"] == []
+
+
 def test_truth_as_the_method(clt, tmp_path):
     code, out, _ = clt("init", "in.mcap", "--method", "truth", "--json")
     assert code == 0

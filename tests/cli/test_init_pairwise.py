@@ -1,10 +1,13 @@
 import json
 import tomllib
+from dataclasses import replace
 
 import pytest
 from typer.testing import CliRunner
 
 from clt.cli.app import app
+from clt.log.load import load
+from clt.log.save import save
 
 
 def run(*words):
@@ -56,3 +59,50 @@ def test_localize_starts_from_pairwise_in_the_frame_that_is_asked_for(log, tmp_p
     told = json.loads(run("evaluate", out, "--json").stdout)
     assert told["frame"] == "R2/base_link"
     assert told["robots"]["R1"]["estimate"]["ape"]["rmse"] < 1.0
+
+
+@pytest.fixture(scope="module")
+def anchored(tmp_path_factory):
+    """One anchor at a known place and the ground truth of one of two moving robots."""
+    path = tmp_path_factory.mktemp("anchored") / "log.mcap"
+    words = ("team.static=1", "team.moving=2", "sensors.odometry.sigma_v=0.05", "seed=5",
+             "sensors.odometry.sigma_omega=0.03", "sensors.range.sigma=0.05")  # fmt: skip
+    sets = [part for word in words for part in ("--set", word)]
+    assert run("simulate", "shi-sim", "--duration", "15", "-q", "-o", path, *sets).exit_code == 0
+    recording = load(path).recording
+    with path.open("wb") as file:
+        save(file, replace(recording, truth={"R2": recording.truth["R2"]}), {})
+    return path
+
+
+def test_one_anchor_and_the_truth_of_one_robot_start_all(anchored, tmp_path):
+    done = run("init", anchored, "--json")
+    told = json.loads(done.stdout)
+    assert (done.exit_code, told["method"], told["frame"]) == (0, "pairwise", "world")
+    assert {robot["status"] for robot in told["robots"].values()} == {"ok"}
+    assert "from the ground truth of R2, what is surveyed" in done.stderr
+    out = tmp_path / "out.mcap"
+    assert run("localize", anchored, "-o", out).exit_code == 0
+    assert set(load(out).recording.estimate) >= {"R2", "R3"}
+
+
+def test_a_file_with_the_pose_of_one_robot_starts_all(anchored, tmp_path):
+    truth = load(anchored).recording.truth["R2"]
+    pose = f"x = {truth.x[0]}\ny = {truth.y[0]}\nheading = {truth.heading[0]}\n"
+    (tmp_path / "one.toml").write_text(f"[R2]\n{pose}")
+    out = tmp_path / "out.mcap"
+    done = run("localize", anchored, "-o", out, "--init", tmp_path / "one.toml")
+    assert done.exit_code == 0
+    assert "initial poses of R3: not in the file" in done.stderr
+    assert set(load(out).recording.estimate) >= {"R2", "R3"}
+
+
+def test_a_range_of_absurd_sigma_ends_no_start(log, tmp_path):
+    recording = load(log).recording
+    sigma = recording.ranges.sigma.copy()
+    sigma[2] = 1e200
+    with (tmp_path / "wild.mcap").open("wb") as file:
+        save(file, replace(recording, ranges=replace(recording.ranges, sigma=sigma)), {})
+    done = run("init", tmp_path / "wild.mcap", "--method", "pairwise", "--json")
+    assert done.exit_code in {0, 3}
+    assert len(json.loads(done.stdout)["robots"]["R2"]["alternatives"]) < 60

@@ -220,11 +220,11 @@ def test_a_failed_report_leaves_no_file(clt):
         ("evaluate out.mcap --associate nearest --max-diff inf", "--max-diff inf: give seconds"),
         ("evaluate out.mcap --delta 1e300s", "--delta 1e300s: expected"),
         ("evaluate out.mcap --delta infm", "--delta infm: expected"),
-        ("localize h.mcap -o x.mcap --set reacquire=1e300", "`reacquire`: Input should be less"),
-        ("localize h.mcap -o x.mcap --set reacquire=1e10", "`reacquire`: Input should be less"),
-        ("localize h.mcap -o x.mcap --set noise.sigma_range=1e200", "`noise.sigma_range`: Input"),
-        ("localize h.mcap -o x.mcap --set noise.v_per_v=1e200", "`noise.v_per_v`: Input"),
-        ("localize h.mcap -o x.mcap --set initial.sigma=[1e200,1,1]", "`initial.sigma.0`: Input"),
+        ("localize h.mcap -o x.mcap --set reacquire=1e300", "`reacquire`: must be at most 1e+06"),
+        ("localize h.mcap -o x.mcap --set reacquire=1e10", "`reacquire`: must be at most 1e+06"),
+        ("localize h.mcap -o x.mcap --set noise.sigma_range=1e200", "`noise.sigma_range`: must be"),
+        ("localize h.mcap -o x.mcap --set noise.v_per_v=1e200", "`noise.v_per_v`: must be"),
+        ("localize h.mcap -o x.mcap --set initial.sigma=[1e200,1,1]", "`initial.sigma.0`: must be"),
     ],
 )
 def test_absurd_values_are_refused_in_one_line(clt, words, told):

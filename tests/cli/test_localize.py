@@ -319,3 +319,17 @@ def test_a_result_is_not_localized_again(clt):
     code, out, err = clt("localize", "out.mcap", "-o", "again.mcap")
     assert (code, out) == (1, "")
     assert "out.mcap is already a result" in err
+
+
+def test_the_noise_that_was_used_is_recorded(clt, tmp_path):
+    """What the log says, not null; and one value or two, where a pair's ranges differ."""
+    words = ("--init", "truth", "--set", "noise.sigma_v=0.3")
+    code, _, err = clt(*LOCALIZE, *words)
+    assert code == 0
+    assert "80 ranges between static robots of known position are left out" in err
+    noise = json.loads(load(tmp_path / "out.mcap").recording.run["noise"])
+    assert set(noise["odometry"]) == {"R3", "R4", "R5"}
+    assert noise["odometry"]["R4"] == {"sigma_v": 0.3, "sigma_omega": 0.1}
+    assert noise["sigma_range"]["R1-R3"] == 0.1
+    assert "R1-R2" not in noise["sigma_range"]
+    assert noise["correlation_time"] == 0.0

@@ -187,12 +187,14 @@ def test_nothing_is_ever_known_of_the_heading_of_a_static_robot(clt, folder, fil
         assert told["team"]["estimate"]["ape"]["rmse"] < 0.3
 
 
-def test_ranges_that_scatter_more_than_was_told_are_told(clt):
-    """A mere warning; but a lack where they have told several poses apart."""
-    assert localize(clt, "fair.mcap")[2].count("scatter") == 0
+def test_ranges_that_scatter_more_than_stated_end_with_three(clt):
+    """And where they have decided between several poses, those may be wrong."""
+    code, _, err = localize(clt, "fair.mcap")
+    assert (code, err.count("scatter")) == (0, 0)
     code, _, err = localize(clt, "bold.mcap", "--set", "noise.sigma_range=0.03")
-    assert code == 0
-    assert "the ranges scatter more than was told: mean NIS" in err
+    assert code == 3
+    assert "the ranges scatter more than stated (mean NIS" in err
+    assert "noise of the ranges is about 3 times what is stated: set noise.sigma_range" in err
     assert "may be wrong" not in err
     words = ("simulate", "li-two", "--duration", "45", "--seed", "6", "-o", "scale.mcap", "-q")
     errors = ("sensors.odometry.scale_sd=0.05", "sensors.odometry.bias_sd=0.02")

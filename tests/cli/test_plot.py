@@ -11,6 +11,7 @@ from typer.testing import CliRunner, Result
 
 from clt.cli.app import app
 from clt.log.save import save
+from tests.log.logs import odometry_message, small_log, write_log
 
 SIGNATURE = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF", ".html": b"<!DOCTYPE html>"}
 
@@ -23,6 +24,11 @@ def write(path: Path, recording) -> Path:
     with path.open("wb") as file:
         save(file, recording, recording.run)
     return path
+
+
+def words(path: Path) -> str:
+    """The texts of an SVG, which matplotlib keeps as comments beside their outlines."""
+    return path.read_text()
 
 
 @pytest.fixture
@@ -78,12 +84,44 @@ def test_json_names_the_file(log, tmp_path):
     assert data == {"log": str(log), "output": str(tmp_path / "a.svg"), "align": "se2"}
 
 
-def test_no_truth_leaves_no_file(tmp_path, synthetic):
+@pytest.mark.parametrize("suffix", SIGNATURE)
+def test_without_truth_what_was_estimated_is_drawn(tmp_path, synthetic, suffix):
     path = write(tmp_path / "a.mcap", replace(synthetic(n=50), truth={}))
-    result = clt(path, "-o", tmp_path / "a.png")
+    outputs = [tmp_path / f"{name}{suffix}" for name in "ab"]
+    for output in outputs:
+        result = clt(path, "-o", output, "--json")
+        assert result.exit_code == 0, result.output
+        assert json.loads(result.stdout)["align"] is None
+    assert outputs[0].read_bytes().startswith(SIGNATURE[suffix])
+    assert outputs[0].read_bytes() == outputs[1].read_bytes()
+
+
+def test_an_alignment_without_truth_is_refused(tmp_path, synthetic):
+    path = write(tmp_path / "a.mcap", replace(synthetic(n=50), truth={}))
+    result = clt(path, "-o", tmp_path / "a.png", "--align", "se2")
     assert result.exit_code == 1
     assert "no ground truth" in result.stderr
     assert not (tmp_path / "a.png").exists()
+
+
+def test_nothing_to_draw_leaves_no_file(tmp_path):
+    path = tmp_path / "a.mcap"
+    path.write_bytes(write_log({"/x": ("odometry", [(5, odometry_message(5, 0.0, 0.0))])}))
+    result = clt(path, "-o", tmp_path / "a.png")
+    assert result.exit_code == 1
+    assert "nothing to draw" in result.stderr
+    assert not (tmp_path / "a.png").exists()
+
+
+def test_a_log_that_is_not_localized_yet(tmp_path):
+    output = tmp_path / "a.svg"
+    path = tmp_path / "a.mcap"
+    path.write_bytes(small_log())
+    assert clt(path, "-o", output).exit_code == 0
+    texts = words(output)
+    assert "Ranges by pair" in texts
+    assert "Odometry: speed" in texts
+    assert "R1-R2" in texts
 
 
 def test_bare_logs_are_drawn(tmp_path, synthetic):

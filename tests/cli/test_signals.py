@@ -10,6 +10,7 @@ from functools import partial
 
 import pytest
 
+from tests.fuzz import signals
 from tests.log.logs import small_log
 
 PATIENCE = 60.0
@@ -50,7 +51,7 @@ def until_it_writes(process, folder):
 
 @pytest.mark.parametrize(
     ("sent", "code", "said"),
-    [(signal.SIGINT, 130, b"clt: interrupted\n"), (signal.SIGTERM, 143, b"")],
+    [(signal.SIGINT, 130, b"clt: interrupted\n"), (signal.SIGTERM, 143, b"clt: terminated\n")],
 )
 def test_a_stopped_command_leaves_no_file(started, tmp_path, sent, code, said):
     """`recover -` has opened its output and waits for the rest of its input."""
@@ -71,3 +72,33 @@ def test_ctrl_c_while_a_long_log_is_written(started, tmp_path):
     assert process.wait(PATIENCE) == 130
     assert process.stderr.read() == b"clt: interrupted\n"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_commands_stopped_at_random_moments():
+    assert signals.study(count=3, seed=1) == []
+
+
+def test_a_command_that_was_killed_leaves_nothing_once_the_next_one_has_run(started, tmp_path):
+    process = started("recover", "-", "-o", "out.mcap")
+    process.stdin.write(small_log()[:2000])
+    process.stdin.flush()
+    until_it_writes(process, tmp_path)
+    alive = started("recover", "-", "-o", "out.mcap", "--force")
+    alive.stdin.write(small_log()[:2000])
+    alive.stdin.flush()
+    while len(list(tmp_path.iterdir())) < 2:
+        assert alive.poll() is None, alive.communicate()
+        time.sleep(0.005)
+    process.kill()
+    process.communicate()
+    for name in (".out.mcap", ".out.clt-0000000.mcap", "out.clt-00000000.mcap"):
+        (tmp_path / name).write_bytes(b"the user's own")
+    (tmp_path / "whole.mcap").write_bytes(small_log())
+    third = started("recover", "whole.mcap", "-o", "out.mcap")
+    assert third.wait(PATIENCE) == 0, third.communicate()
+    hidden = list(tmp_path.glob(".out.clt-????????.mcap"))
+    assert len(hidden) == 1  # that of the process that is alive
+    assert alive.communicate(small_log()[2000:], PATIENCE)[0] == b""
+    assert alive.returncode == 0
+    left = {path.name for path in tmp_path.iterdir()} - {"whole.mcap", "out.mcap"}
+    assert left == {".out.mcap", ".out.clt-0000000.mcap", "out.clt-00000000.mcap"}

@@ -145,7 +145,7 @@ def test_precedence(clt, tmp_path):
         (("shi-sim", "-o", "-", "--json"), "both want standard output"),
         (("shi-sim", "-o", "a.mcap", "--set", "durration=3"), "did you mean `duration`?"),
         (("shi-sim", "-o", "a.mcap", "--set", "duration"), "expected KEY=VALUE"),
-        (("shi-sim", "-o", "a.mcap", "--duration", "-1"), "greater than 0"),
+        (("shi-sim", "-o", "a.mcap", "--duration", "-1"), "must be above 0"),
         (("shi-sim", "-o", "a.mcap", "--duration", "nan"), "finite number"),
         (("shi-sim", "-o", "a.mcap", "--set", "network.recorder=R9"), "no robot R9 in the team"),
         (("shi-sim", "-o", "a.mcap", "--set", "network.clock=1"), "did you mean `clock_sd`?"),

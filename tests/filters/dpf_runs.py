@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from clt.filters.choices import View
 from clt.filters.problem import lay_out
 from clt.filters.settings import Dpf, FilterSettings
-from clt.filters.space import View
 from clt.geometry import relative_pose
 from clt.init.start import InitialPose, Start
 from clt.init.truth import from_truth

@@ -6,6 +6,8 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -93,3 +95,31 @@ def test_works_where_nothing_can_be_written(package, tmp_path):
     (package / "__pycache__").touch()
     for _ in range(2):
         assert run(package, nowhere, nowhere) == "False\ncompiling False\nFalse 4.0\n"
+
+
+def test_other_threads_run_beside_a_kernel():
+    """The main thread answers signals meanwhile."""
+
+    @compiled.lean
+    def busy(n):
+        s = 0.0
+        for k in range(n):
+            s += 1.0 / (1.0 + s + k)
+        return s
+
+    busy(1)
+    done = threading.Event()
+
+    def work():
+        busy(60_000_000)
+        done.set()
+
+    thread = threading.Thread(target=work)
+    before = time.process_time()
+    thread.start()
+    ticks = 0
+    while not done.wait(0.01):
+        ticks += 1
+    thread.join()
+    assert time.process_time() - before > 0.05
+    assert ticks > 2

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from clt.errors import UsageError
+from clt.filters.choices import View
 from clt.filters.dpf import solve_dpf
 from clt.filters.dpf_gaussians import gaussians
 from clt.filters.dpf_rounds import Silent, rounds_of, unheard, usual
 from clt.filters.dpf_team import assemble, reunite
 from clt.filters.settings import FilterSettings, Noise
-from clt.filters.space import View
 from clt.filters.world import Estimator, cut_off, localize
 from clt.init.truth import from_truth
 from tests.filters.dpf_runs import (

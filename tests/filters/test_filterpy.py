@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from clt.filters.choices import parse_view
 from clt.filters.problem import lay_out
 from clt.filters.settings import FilterSettings
-from clt.filters.space import parse_view
 from clt.filters.world import FILTERPY, FILTERS
 from clt.init.truth import from_truth
 from tests.filters.teams import team_recording
@@ -33,6 +33,7 @@ def both(name, recording, options, frame, anchors=0.1):
 def assert_same(ours, theirs, tolerance=1e-9):
     np.testing.assert_array_equal(ours.verdict, theirs.verdict)
     np.testing.assert_array_equal(ours.lost, theirs.lost)
+    np.testing.assert_array_equal(ours.found, theirs.found)
     for of in ("mean", "covariance", "residual", "variance"):
         np.testing.assert_allclose(
             getattr(ours, of), getattr(theirs, of), atol=tolerance, rtol=0, err_msg=of
@@ -130,8 +131,20 @@ def test_with_a_robot_that_is_lost_and_found(name):
     recording, start, settings = astray(15.0)
     problem = lay_out(recording, start, settings)
     ours, theirs = FILTERS[name](problem, settings), FILTERPY[name](problem, settings)
-    assert ours.lost[0] > 0
-    assert_same(ours, theirs, 1e-7)
+    assert ours.found[0] > 0
+    assert_same(ours, theirs)
+
+
+@pytest.mark.parametrize("name", ["ekf", "ukf"])
+def test_with_a_robot_that_only_looks_lost(name):
+    recording = team_recording(seed=5, seconds=4.0)
+    ranges, r2 = recording.ranges, recording.team.index("R2")
+    wrong = (ranges.stamp > 1e9) & ((ranges.source == r2) | (ranges.target == r2))
+    blocked = replace(recording, ranges=replace(ranges, range=ranges.range + 9.0 * wrong))
+    ours, theirs = both(name, blocked, {"reacquire": 1.0, **SURE}, "world", 0.0)
+    assert ours.lost.tolist() == [0, 1, 0]
+    assert not ours.found.any()
+    assert_same(ours, theirs)
 
 
 @pytest.mark.parametrize("name", ["ekf", "ukf"])

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from clt.filters import free, unscented
+from clt.filters.choices import parse_view
 from clt.filters.eskf import USED
 from clt.filters.inputs import RangeTable, join_segments, standing
 from clt.filters.problem import lay_out
 from clt.filters.ranging import distance_of
 from clt.filters.settings import FilterSettings
-from clt.filters.space import WORLD, make_space, parse_view
+from clt.filters.space import WORLD, make_space
 from clt.filters.world import FILTERS
 from clt.geometry import wrap
 from clt.init.truth import from_truth

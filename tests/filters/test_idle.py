@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from clt.errors import CltError
+from clt.filters.choices import parse_view
 from clt.filters.problem import lay_out
 from clt.filters.settings import FilterSettings
-from clt.filters.space import parse_view
 from clt.filters.world import Estimator, dead_reckon, localize
 from clt.init.truth import from_truth
 from clt.observability.advice import advise

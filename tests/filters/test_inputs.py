@@ -387,3 +387,11 @@ def test_what_was_not_seen_is_as_uncertain_as_the_twist_changes_over_so_long():
     assert short == pytest.approx(0.5 * 2 * (1 - np.cos(0.05)) * 0.5, rel=0.05)
     assert long == pytest.approx(0.5 * (1 - np.cos(2.0)), rel=0.05)
     assert beyond == pytest.approx(0.5, rel=0.05)
+
+
+def test_a_correlation_beyond_every_log_leaves_variances_finite():
+    """Found by the fuzzer of commands: the log of a team may say 1e300 s."""
+    tau = inputs.correlation_time(Noise(), Team((), range_correlation=1e300))
+    stamp = np.array([0, 0, 10**8], np.int64)
+    widened = correlated_variance(np.full(3, 0.01), stamp, np.zeros(3, np.int64), tau)
+    assert np.isfinite(widened).all()

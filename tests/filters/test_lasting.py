@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from clt.filters.choices import View
 from clt.filters.settings import FilterSettings
-from clt.filters.space import View
 from clt.filters.world import Estimator, localize
 from clt.init.truth import from_truth
 from clt.sim.scenario import load_scenario

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from clt.filters.bank import make_bank
+from clt.filters.choices import View
 from clt.filters.gaussian import solve_ekf
 from clt.filters.mixture import solve_mixture
 from clt.filters.prior import Belief
 from clt.filters.problem import lay_out
 from clt.filters.reduction import make_desk, merge, prune, reduce
 from clt.filters.settings import FilterSettings
-from clt.filters.space import View
 from clt.filters.splitting import heading_grid, narrow_gaussians, split
 from clt.filters.world import Estimator, localize
 from clt.geometry import relative_pose, wrap

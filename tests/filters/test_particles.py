@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from clt.filters import prior
+from clt.filters.choices import View
 from clt.filters.gaussian import solve_ekf
 from clt.filters.gaussian_particles import drawn
 from clt.filters.modes import cloud_share, moments
@@ -17,7 +18,6 @@ from clt.filters.prior import Belief
 from clt.filters.problem import lay_out
 from clt.filters.resampling import effective, systematic
 from clt.filters.settings import FilterSettings
-from clt.filters.space import View
 from clt.filters.world import UNIQUE
 from clt.geometry import wrap
 from clt.init.truth import from_truth

@@ -10,12 +10,12 @@ import pytest
 from clt.errors import CltError
 from clt.filters import received, world
 from clt.filters.arrivals import LEAST_STEP, MOST_STEP, epochs, weighed_on_arrival
+from clt.filters.choices import parse_view
 from clt.filters.heard import LAGS, driver, habit, known_segments
 from clt.filters.inputs import RangeTable, correlated_variance
 from clt.filters.problem import lay_out
 from clt.filters.retrace import all_blocks
 from clt.filters.settings import FilterSettings, Noise
-from clt.filters.space import parse_view
 from clt.filters.world import Estimator
 from clt.geometry import relative_pose
 from clt.init.truth import from_truth
@@ -67,9 +67,8 @@ def sorted_at(recording, start, settings, estimator, stamps):
     """The sorted replay with every block at the given stamps."""
     problem = lay_out(recording, start, settings, estimator.view)
     problem = replace(problem, outputs=all_blocks(len(problem.robots), stamps))
-    return world.posterior_of(
-        recording, problem, estimator.run(problem, settings), estimator.filter
-    )
+    solution = estimator.run(problem, settings)
+    return world.posterior_of(recording, problem, solution, settings, estimator.filter)
 
 
 def distance_error(recording, posterior, name, ego="R1"):
@@ -97,11 +96,16 @@ def floating(recording):
 
 
 def with_outliers(recording):
-    """Half of R2's ranges far too long for some seconds: it is lost and searched for anew."""
+    """R2's ranges far too long for some seconds: it looks lost and is searched for."""
     ranges, r2 = recording.ranges, recording.team.index("R2")
     of_r2 = (ranges.source == r2) | (ranges.target == r2)
     wrong = of_r2 & (ranges.stamp > 2_000 * MS) & (ranges.stamp < 6_500 * MS)
     return replace(recording, ranges=replace(ranges, range=ranges.range + 9.0 * wrong))
+
+
+def astray(recording):
+    """For a start that is wrong about R2."""
+    return recording
 
 
 @pytest.mark.parametrize(
@@ -114,6 +118,8 @@ def with_outliers(recording):
         (lambda recording: recording, Estimator("ekf", parse_view("mutual:R1,R3"))),
         (floating, Estimator()),
         (with_outliers, Estimator()),
+        (astray, Estimator()),
+        (astray, Estimator("ukf")),
     ],
 )
 def test_without_delays_it_is_the_sorted_replay(change, estimator):
@@ -122,13 +128,19 @@ def test_without_delays_it_is_the_sorted_replay(change, estimator):
     if change is floating:
         poses = {name: pose for name, pose in start.poses.items() if name[0] == "R"}
         start = replace(start, poses=poses)
+    if change is astray:
+        wrong = replace(start.poses["R2"], mean=start.poses["R2"].mean + np.array([2.0, 2.0, 1.0]))
+        start = replace(start, poses={**start.poses, "R2": wrong})
     settings = FilterSettings(reacquire=1.0)
     posterior = received.replay(recording, start, settings, estimator)
     stamp = next(iter(posterior.poses.values())).stamp
     np.testing.assert_array_equal(stamp[1:], recording.odometry["R1"].stamp)
     expected = sorted_at(recording, start, settings, estimator, stamp)
     if change is with_outliers:
+        assert any("R2 looked lost" in line for line in expected.remarks)
+    if change is astray:
         assert any("R2 was lost" in line for line in expected.left_out)
+    assert posterior.remarks == expected.remarks
     assert posterior.left_out == expected.left_out
     for name, poses in expected.poses.items():
         for column in ("x", "y", "heading", "covariance"):
@@ -393,6 +405,21 @@ def test_epochs_are_arrivals_neither_too_close_nor_too_far_apart():
         0, 30, 51, 151, 251, 351, 400, 421, 450,
     ]  # fmt: skip
     assert epochs(arrival, 7, 7).tolist() == [7]
+
+
+def test_epochs_do_not_become_more_by_a_longer_pause():
+    before, after = np.arange(0, 1000, 50) * MS, np.arange(0, 1000, 50) * MS
+    hour = 3_600_000 * MS
+    counts = {}
+    for pause in (1, 24, 8760):
+        arrival = np.append(before, after + pause * hour)
+        found = epochs(arrival, 0, int(arrival[-1]))
+        counts[pause] = found.size
+        assert np.isin(arrival, found).all()
+        np.testing.assert_array_equal(found[:20], before)
+    assert set(counts.values()) == {before.size + after.size + 100}
+    other = before[-1] + np.arange(50, 20_000, 50) * MS
+    assert epochs(before, 0, int(other[-1]), [other]).size > 200
 
 
 @pytest.mark.parametrize("m", [1, 3, 8, 64])

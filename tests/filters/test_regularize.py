@@ -8,12 +8,12 @@ import numba
 import numpy as np
 import pytest
 
+from clt.filters.choices import parse_view
 from clt.filters.mixture import solve_mixture
 from clt.filters.problem import lay_out
 from clt.filters.regularize import cells_of, regularize
 from clt.filters.settings import FilterSettings
 from clt.filters.sir import solve_sir
-from clt.filters.space import parse_view
 from clt.geometry import wrap
 from clt.init.truth import from_truth
 from clt.sim.scenario import load_scenario

@@ -8,16 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clt.errors import UsageError
-from clt.filters.space import (
-    WORLD,
-    View,
-    make_space,
-    move,
-    parse_view,
-    relative_blocks,
-    sample_blocks,
-    world_space,
-)
+from clt.filters.choices import View, parse_view
+from clt.filters.space import WORLD, make_space, move, relative_blocks, sample_blocks, world_space
 from clt.filters.transport import carry
 from clt.geometry import relative_pose, wrap
 

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from clt.filters import world
+from clt.filters.choices import parse_view
 from clt.filters.eskf import REJECTED, USED
 from clt.filters.gaussian import solve_ekf
 from clt.filters.problem import lay_out
 from clt.filters.settings import FilterSettings, Ukf
-from clt.filters.space import parse_view
 from clt.filters.ukf import solve_ukf
 from clt.filters.unscented import center, covariance_of, draw, factor, points_of
 from clt.geometry import wrap

@@ -10,7 +10,7 @@ import pytest
 from clt.errors import CltError
 from clt.filters import world
 from clt.filters.gaussian import solve_eskf
-from clt.filters.problem import lay_out
+from clt.filters.problem import Cast, lay_out, output_times
 from clt.filters.settings import FilterSettings
 from clt.filters.unicycle import EXACT, arc, process_noise
 from clt.geometry import wrap
@@ -367,3 +367,13 @@ def test_ranges_after_the_odometry_are_told():
     one = replace(recording, odometry={**recording.odometry, "R2": short["R2"]})
     posterior = world.localize(one, from_truth(one, SIGMA), DEFAULTS)
     assert any("R2 ends 5.0 s before" in line for line in posterior.left_out)
+
+
+def test_outputs_of_a_log_that_jumps_by_decades_stay_within_it():
+    """Parts of a gap times its length would not fit 64 bits."""
+    stamps = np.array([10**9, 1_736_689_601_500_000_000])
+    cast = Cast(("R1",), (0,), (-1,), ())
+    found = output_times(cast, {"R1": stamps}, 0).stamp
+    assert found[0] == 0
+    assert found[-1] == stamps[-1]
+    assert np.all(np.diff(found) >= 0)

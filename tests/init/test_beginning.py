@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from clt.errors import CltError
 from clt.filters.settings import FilterSettings
 from clt.init.beginning import beginning
 from clt.init.motion import from_motion
@@ -107,3 +108,14 @@ def test_the_start_waits_for_a_second_static_robot(known):
     assert found.notes[0].startswith("the start waits 2")
     assert "fewer than two static robots are heard" in found.notes[0]
     assert all(robot.status == "ok" for robot in found.robots.values())
+
+
+def test_odometry_that_is_over_at_once_is_one_line():
+    """Found by the fuzzer of commands: a single sample of every robot."""
+    recording = simulated("shi-sim", duration=2.0)
+    one = {
+        name: type(stream)(**{key: column[:1] for key, column in vars(stream).items()})
+        for name, stream in recording.odometry.items()
+    }
+    with pytest.raises(CltError, match="no moving robot can be initialized: R3: its odometry ends"):
+        beginning(replace(recording, odometry=one), list(one))

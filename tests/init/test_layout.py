@@ -134,3 +134,86 @@ def test_mirrored():
     a, b = np.array([1.0, 1.0]), np.array([3.0, 3.0])
     np.testing.assert_allclose(mirrored(np.array([2.0, 0.0]), a, b), [0.0, 2.0], atol=1e-12)
     np.testing.assert_allclose(mirrored(a[None], a, b), a[None])
+
+
+def in_shi_s_frame(points):
+    d = points[1] - points[0]
+    c, s = d / np.hypot(*d)
+    return (points - points[0]) @ np.array([[c, -s], [s, c]])
+
+
+def sigmas(covariance):
+    return np.sqrt(covariance.diagonal().reshape(-1, 2).sum(axis=1))
+
+
+def errors_of_what_is_certain(found, points):
+    """Errors (n,) in m and in sigma of nodes that no other layout moves, of the better image."""
+    certain = found.rigid.copy()
+    for other in found.others:
+        off = np.hypot(*(other.position - found.position).T)
+        certain &= off < 0.02 + 3.0 * (sigmas(found.covariance) + sigmas(other.covariance))
+    both = []
+    for side in (1.0, -1.0):
+        off = np.hypot(*(found.position - in_shi_s_frame(points) * [1.0, side]).T)
+        off = np.where(certain, off, 0.0)
+        both.append((off, off / np.maximum(sigmas(found.covariance), 1e-9)))
+    return min(both, key=lambda one: one[0].sum())
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_no_part_of_a_layout_with_missing_pairs_is_mirrored_and_certain(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(4, 9))
+    points = rng.uniform(0.0, 12.0, (n, 2))
+    ends = list(zip(*np.triu_indices(n, 1), strict=True))
+    share = rng.uniform(0.1, 0.5)
+    pairs = pairs_of(points, rng, [end for end in ends if rng.random() < share])
+    found = lay_out(pairs, n, {})
+    off, in_sigma = errors_of_what_is_certain(found, points)
+    assert not ((off > 0.5) & (in_sigma > 5.0)).any()
+    assert found.probability + sum(other.probability for other in found.others) <= 1.0 + 1e-9
+
+
+def test_a_node_that_hangs_on_two_may_be_on_either_side_of_them():
+    points = np.array([[0.0, 0.0], [6.0, 0.0], [5.0, 6.0], [1.0, 5.0], [3.0, 9.0]])
+    missing = ((0, 4), (1, 4))
+    found = lay_out(pairs_of(points, np.random.default_rng(1), missing), 5, {})
+    assert found.rigid.all()
+    assert len(found.others) == 1
+    assert found.probability == pytest.approx(0.5, abs=0.01)
+    places = np.array([found.position, found.others[0].position])
+    np.testing.assert_allclose(places[0, :4], places[1, :4], atol=1e-6)
+    image = mirrored(points[4], points[2], points[3])
+    best = min(np.abs(place - points[4]).max() for place in places[:, 4])
+    other = min(np.abs(place - image).max() for place in places[:, 4])
+    assert max(best, other) < 0.1
+
+
+def test_parts_that_two_nodes_separate_are_mirrored_one_by_one():
+    points = np.array([[0.0, 0.0], [6.0, 1.0], [3.0, 5.0], [2.0, -4.0], [9.0, 4.0], [8.0, 7.0]])
+    missing = ((2, 3), (2, 4), (2, 5), (3, 4), (3, 5))
+    found = lay_out(pairs_of(points, np.random.default_rng(2), missing), 6, {})
+    assert len(found.others) == 3
+    assert found.probability == pytest.approx(0.25, abs=0.01)
+
+
+def test_nearly_collinear_nodes_do_not_tell_a_side_that_noise_hides():
+    """Node 4 is ranged by three nodes on a line but for 3 mm: far less than the noise."""
+    points = np.array([[0.0, 0.0], [4.0, 0.003], [8.0, 0.0], [3.0, 7.0], [5.0, 3.0]])
+    found = lay_out(pairs_of(points, np.random.default_rng(3), ((3, 4),)), 5, {})
+    assert len(found.others) == 1
+    # 30 cm off the line it is the ranges that decide.
+    points[1, 1] = 0.3
+    found = lay_out(pairs_of(points, np.random.default_rng(3), ((3, 4),)), 5, {})
+    assert len(found.others) == 0
+    np.testing.assert_allclose(found.position, in_shi_s_frame(points), atol=0.5)
+
+
+def test_known_positions_off_one_line_leave_the_images_of_single_nodes():
+    points = np.array([[0.0, 0.0], [6.0, 0.0], [5.0, 6.0], [1.0, 5.0]])
+    known = {0: points[0], 1: points[1], 2: points[2]}
+    hanging = lay_out(pairs_of(points, np.random.default_rng(1), ((2, 3),)), 4, known)
+    assert [round(hanging.probability, 2), len(hanging.others)] == [0.5, 1]
+    np.testing.assert_allclose(hanging.others[0].position[:3], points[:3])
+    whole = lay_out(pairs_of(points, np.random.default_rng(1)), 4, known)
+    assert (len(whole.others), whole.probability) == (0, 1.0)

@@ -262,3 +262,82 @@ def test_noise_that_is_not_what_it_is_said_to_be_leaves_no_robot_ok():
     )
     assert calm.robots["R3"].status == "ok"
     assert calm.notes == ()
+
+
+HANGING = [["R1", "R2"], ["R1", "R5"], ["R2", "R3"], ["R2", "R4"], ["R2", "R5"], ["R3", "R4"],
+           ["R3", "R5"], ["R4", "R5"]]  # fmt: skip
+"""Of four unknown static robots and R5, which moves: R1 hangs on R2 and R5 alone."""
+STANDS_FIRST = {
+    "kind": "sequence",
+    "ramp": 0.5,
+    "margin": 0.3,
+    "phases": [
+        {"duration": 3.0, "drive": {"kind": "stand"}},
+        {"duration": 1000.0, "drive": {"kind": "wander", "speed": 0.7, "margin": 0.6}},
+    ],
+}
+
+
+def hanging(pairs, seed):
+    """Static robots of which R1 hangs on few others, and where they are in Shi's frame."""
+    places = np.array([[1.2, 2.06], [5.79, 9.16], [4.74, 1.87], [2.71, 0.03]])
+    recording, starts = simulated(
+        team__moving=1,
+        team__static=4,
+        team__known=False,
+        team__positions=places.tolist(),
+        trajectory=STANDS_FIRST,
+        sensors__range__pairs=pairs,
+        sensors__odometry__rate=20.0,
+        sensors__range__rate=10.0,
+        duration=20.0,
+        seed=seed,
+    )
+    d = places[1] - places[0]
+    along = float(np.arctan2(d[1], d[0]))
+    c, s = np.cos(along), np.sin(along)
+    R = np.array([[c, s], [-s, c]])
+    start = np.append(R @ (starts["R5"][:2] - places[0]), starts["R5"][2] - along)
+    return recording, (places - places[0]) @ R.T, start
+
+
+@pytest.mark.parametrize("seed", [164, 1, 2])
+def test_a_moving_robot_decides_which_part_of_a_layout_is_mirrored(seed):
+    recording, places, start = hanging(HANGING, seed)
+    found = from_motion(recording, DEFAULTS)
+    for k, name in enumerate(("R1", "R2", "R3", "R4")):
+        assert found.robots[name].status == "ok"
+        assert np.abs(found.robots[name].pose.mean[:2] - places[k]).max() < 0.3
+    assert found.robots["R5"].status == "ok"
+    assert np.abs(error(found.robots["R5"], start)).max() < 0.3
+
+
+def test_a_static_robot_that_nobody_can_decide_about_is_ambiguous_and_the_rest_is_ok():
+    """R4 hangs on R1 and R2 alone, and R5, which moves, does not hear it."""
+    pairs = [["R1", "R2"], ["R1", "R3"], ["R2", "R3"], ["R1", "R4"], ["R2", "R4"], ["R1", "R5"],
+             ["R2", "R5"], ["R3", "R5"]]  # fmt: skip
+    recording, places, start = hanging(pairs, 3)
+    found = from_motion(recording, DEFAULTS)
+    robot = found.robots["R4"]
+    assert robot.status == "ambiguous"
+    assert robot.probability == pytest.approx(0.5, abs=0.05)
+    either = [robot.pose.mean[:2], robot.alternatives[0].mean[:2]]
+    assert min(np.abs(place - places[3]).max() for place in either) < 0.1
+    assert "R4" not in found.start.poses
+    for name in ("R1", "R2", "R3", "R5"):
+        assert found.robots[name].status == "ok"
+    assert np.abs(error(found.robots["R5"], start)).max() < 0.3
+
+
+def test_what_settled_the_mirror_image_is_said():
+    recording, _ = simulated(duration=10.0)
+    (line,) = from_motion(recording, DEFAULTS).assumed
+    assert "R1 and R2" in line
+    assert "positive omega turns counter-clockwise" in line
+    assert "a third surveyed robot off their line or one known heading" in line
+    recording, _ = simulated("shi-three", duration=20.0)
+    (line,) = from_motion(recording, DEFAULTS).assumed
+    assert "mirror image" in line
+    third = [[0.0, 0.0], [12.0, 0.0], [5.0, 9.0]]
+    recording, _ = simulated(duration=10.0, team__static=3, team__positions=third)
+    assert from_motion(recording, DEFAULTS).assumed == ()

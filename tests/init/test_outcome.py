@@ -44,7 +44,7 @@ def test_mirror_images(other, mirrored):
 def test_the_reason_names_a_mirror_image_only_where_it_is_one(other, told):
     a = Candidate(0, refined(2.0, 4.0, 0.3, nis=2.0), 0.7)
     b = Candidate(0, refined(*other), 0.3)
-    robot = ambiguous("R", Verdict({"R": a}, {"R": ((a, 0.7), (b, 0.3))}), (FRAME,))
+    robot = ambiguous("R", Verdict({"R": a}, {"R": ((a, 0.7), (b, 0.3))}, {0: 1.0}), (FRAME,))
     assert robot.status == "ambiguous"
     assert told in robot.why
     assert robot.why.endswith("or give its pose in a TOML file (--init FILE)")

@@ -1,7 +1,8 @@
 import numpy as np
 
 from clt.filters.inputs import Segments
-from clt.init.pair_tracks import LINEAR, dead_reckon, linear_until
+from clt.filters.settings import Noise
+from clt.init.pair_tracks import LINEAR, Throughout, dead_reckon, linear_until, throughout
 
 SECOND = 1_000_000_000
 
@@ -81,3 +82,34 @@ def test_a_track_lasts_until_odometry_has_lost_the_heading():
         assert linear_until(poor, SECOND) == parts.end[steps - 1]
     lost = parts._replace(var_omega=np.full(40, 2.0 * LINEAR**2 / 0.01))
     assert linear_until(lost, SECOND) == SECOND
+
+
+def test_errors_of_scale_and_bias_enter_the_covariance_as_they_move_the_track():
+    rng = np.random.default_rng(5)
+    parts, lever = segments(rng), np.array([0.3, -0.2])
+    wrong = Throughout(0.05, 0.03, 0.02)
+    plain = dead_reckon(parts, SECOND, parts.end, lever, np.arange(40))
+    track = dead_reckon(parts, SECOND, parts.end, lever, np.arange(40), wrong)
+    np.testing.assert_allclose(track.position, plain.position)
+    h, expected = 1e-5, 0.0
+    for v, omega in (
+        (parts.v * (1.0 + h * wrong.scale_v), parts.omega),
+        (parts.v, parts.omega * (1.0 + h * wrong.scale_omega)),
+        (parts.v, parts.omega + h * wrong.bias_omega),
+    ):
+        moved = (walk(v, omega, lever, 40) - walk(parts.v, parts.omega, lever, 40)) / h
+        expected = expected + moved[:, None, :, None] * moved[None, :, None, :]
+    np.testing.assert_allclose(track.covariance - plain.covariance, expected, atol=1e-5)
+
+
+def test_the_settings_say_what_is_wrong_throughout():
+    assert throughout(Noise(scale=0.05, bias=0.02)) == Throughout(0.05, 0.05, 0.02)
+    assert throughout(Noise()) == Throughout()
+
+
+def test_a_bias_ends_a_track_when_it_has_turned_the_heading_so_far():
+    parts = segments(np.random.default_rng(6))._replace(var_omega=np.zeros(40))
+    bias = LINEAR / 2.05
+    assert linear_until(parts, SECOND, Throughout(bias_omega=bias)) == parts.end[19]
+    still = parts._replace(v=np.zeros(40), omega=np.zeros(40))
+    assert linear_until(still, SECOND, Throughout(bias_omega=bias)) == np.iinfo(np.int64).max

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from clt.errors import CltError
 from clt.geometry import rotation, wrap
 from clt.init.pairwise import solve_pair
 from tests.init.winding import measured, still, track
@@ -153,3 +154,24 @@ def test_a_first_range_of_nothing_is_survived(n):
     found = solve_pair(pair)
     assert np.all(np.isfinite(found.mean))
     assert np.all(np.isfinite(found.covariance))
+
+
+@pytest.mark.parametrize("value", [0.0, np.inf, np.nan, 1e300])
+def test_a_variance_that_says_nothing_harms_nothing(value):
+    rng = np.random.default_rng(2)
+    pose = np.array([2.0, 1.0, 0.7])
+    a, b = (track(rng.normal(0.0, 0.5, 14)) for _ in "ab")
+    pair = measured(a, b, pose, 0.01, 0.0, rng)
+    variance = pair.variance.copy()
+    variance[[3, 8]] = value
+    found = solve_pair(pair._replace(variance=variance))
+    assert np.abs(error(found.mean[0], pose)).max() < 0.2
+    assert np.isfinite(found.covariance).all()
+
+
+def test_a_pair_without_a_usable_range_is_refused():
+    rng = np.random.default_rng(2)
+    a, b = (track(rng.normal(0.0, 0.5, 5)) for _ in "ab")
+    pair = measured(a, b, np.array([2.0, 1.0, 0.7]), 0.01, 0.0, rng)
+    with pytest.raises(CltError, match="no range of the pair is usable"):
+        solve_pair(pair._replace(variance=np.full(6, np.nan)))

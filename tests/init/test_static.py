@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -53,6 +54,16 @@ def test_known_positions_hold_the_frame() -> None:
     last = found.robots["R3"].pose
     assert last is not None
     assert last.mean[:2] == pytest.approx([6.5, -2.0], abs=0.01)
+    assert found.frame == "world"
+
+
+def test_known_positions_name_the_frame() -> None:
+    """One that is built from the ranges is no surveyed one, whatever that is called."""
+    known = {i: (float(x), float(y)) for i, (x, y) in enumerate(PLACES[:3])}
+    for positions, frame in ((known, "map"), ({}, "world")):
+        recording = standing(positions)
+        recording = replace(recording, team=replace(recording.team, frame="map"))
+        assert from_motion(recording, FilterSettings()).frame == frame
 
 
 def test_beside_the_line_of_two_known_robots_a_place_is_ambiguous() -> None:
@@ -103,7 +114,8 @@ def test_command_needs_no_odometry(tmp_path: Path) -> None:
 def test_the_mirror_image_of_a_layout_has_the_mirrored_covariance() -> None:
     recording = standing({}, lost=((2, 3),))
     found = survey(recording, 0, 0, [], FilterSettings())
-    one, other = found.frames
+    assert len(found.frames) == 4
+    one, other = found.frames[:2]
     flip = np.diag([1.0, -1.0])
     for name in ("R2", "R3"):
         assert other.anchors[name] == pytest.approx(flip @ one.anchors[name])

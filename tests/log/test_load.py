@@ -177,11 +177,7 @@ def test_rows_that_are_no_numbers_are_dropped(loaded):
     truth = recording.truth["R1"]
     np.testing.assert_array_equal(truth.heading, [NAN, 0.0])
     assert found(recording)["heading"] == (1, False)
-    assert [(f.count, f.data_lost) for f in recording.faults if f.kind == "nan"] == [
-        (1, True),
-        (2, True),
-        (2, True),
-    ]
+    assert sorted(f.count for f in recording.faults if f.kind == "nan" and f.data_lost) == [1, 2, 2]
     assert any("x.mcap: /R1/odom: 2 of 3 messages hold NaN" in f.text for f in recording.faults)
 
 

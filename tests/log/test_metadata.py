@@ -14,7 +14,7 @@ from clt.errors import LogError
 from clt.log.metadata import decode_team, encode_team
 from clt.streams import Communication, Robot, Team
 
-finite = st.floats(allow_nan=False, allow_infinity=False)
+finite = st.floats(-1e12, 1e12)
 sigma = st.one_of(st.just(math.nan), st.floats(0.0, 1e9))
 robots = st.builds(
     Robot,
@@ -43,6 +43,7 @@ teams = st.builds(
         loss=st.floats(0.0, 0.99),
         delay=st.floats(0.0, 1e3),
     ),
+    frame=st.sampled_from(["world", "map", "\u00e9"]),
 )
 
 
@@ -52,6 +53,14 @@ def test_there_and_back(team):
     assert all(isinstance(json.loads(text), object) for text in record.values())
     again = decode_team(record)
     assert repr(astuple(again)) == repr(astuple(team))
+
+
+def test_a_frame_must_have_a_name():
+    record = encode_team(Team((Robot("R1", 1),)))
+    assert "frame" not in record
+    for wrong in ('""', "3", "null"):
+        with pytest.raises(LogError, match="`frame` is not a frame id"):
+            decode_team(record | {"frame": wrong})
 
 
 def test_what_is_not_known_is_null():
@@ -89,6 +98,11 @@ def test_a_short_record_is_enough():
         ({}, "`robots` is missing"),
         ({"robots": "nonsense"}, "`robots` is not JSON"),
         ({"robots": "[" * 100_000}, "`robots` is not JSON"),
+        (robot(sigma_v=1e300), r"`robots\[0\].sigma_v` is not a number >= 0 up to 1e\+12"),
+        (
+            robot(position=[0.0, -1e300]),
+            r"`robots\[0\].position` is not a finite number up to 1e\+12",
+        ),
         ({"robots": "{}"}, "`robots` is not a list"),
         ({"robots": "[1]"}, r"`robots\[0\]` is not a table"),
         (robot(name="1R"), r"robots\[0\].name"),

@@ -95,6 +95,7 @@ def test_a_full_disk_leaves_no_file(tmp_path, monkeypatch, step):
     if step == "fsync":
         monkeypatch.setattr(os, "fsync", full_disk)
     if step == "rename":
+        monkeypatch.setattr(os, "link", full_disk)
         monkeypatch.setattr(Path, "replace", full_disk)
     with pytest.raises(CltError) as caught, output(target) as file:  # noqa: PT012
         file.write(b"abc")

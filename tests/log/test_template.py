@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clt.log import ordinary, template
+from clt.log import template
 from clt.log.msgdef import parse
 from clt.log.schemas import ros2msg
 from clt.log.table import Messages
+from clt.log.wire import Budget
+from tests.log import official
 from tests.log.logs import Cdr, range_message
 
 FLOATS = st.floats(allow_nan=True, width=64)
 NAMES = st.text(st.characters(exclude_characters="\0", codec="utf-8"), max_size=9)
 STAMPS = st.tuples(st.integers(-(2**31), 2**31 - 1), st.integers(0, 2**32 - 1))
-
-
-def never(_):
-    raise AssertionError("the ordinary decoder was asked")
 
 
 def messages(payloads, gap=b"\xaa\xbb\xcc"):
@@ -34,21 +30,18 @@ def messages(payloads, gap=b"\xaa\xbb\xcc"):
     return Messages(data, zeros, zeros.astype(np.int64), offset, length.astype(np.int32))
 
 
-def both(kind, payloads, paths, text=None, fallback=False):
-    """Columns by templates and by the official decoder; `fallback` allows the former the latter."""
+def both(kind, payloads, paths, text=None):
+    """Columns by templates and by the official decoder."""
     text = ros2msg(kind) if text is None else text
     struct, table = parse(kind, text), messages(payloads)
-    slow = partial(ordinary.decode, struct=struct, text=text, paths=paths)
-    return template.decode(table, struct, paths, slow if fallback else never), slow(table)
+    return template.decode(table, struct, paths), official.decode(table, struct, text, paths)
 
 
 def same(fast, slow):
     np.testing.assert_array_equal(fast.good, slow.good)
     assert list(fast.columns) == list(slow.columns)
     for path, column in fast.columns.items():
-        assert column.dtype.kind == slow.columns[path].dtype.kind
-        if column.dtype.kind != "U":
-            assert column.dtype == slow.columns[path].dtype
+        assert column.dtype == slow.columns[path].dtype
         np.testing.assert_array_equal(column, slow.columns[path], err_msg=path)
 
 
@@ -205,7 +198,6 @@ def test_a_foreign_encapsulation_is_not_guessed_at():
         messages([bytes(payload)]),
         parse("clt_msgs/msg/Range", ros2msg("clt_msgs/msg/Range")),
         ["range"],
-        never,
     )
     assert not fast.good.any()
 
@@ -216,51 +208,60 @@ def test_a_hostile_length_word_is_no_loop():
     assert not fast.good.any()
 
 
-def test_too_many_layouts_go_to_the_ordinary_decoder():
+def test_messages_without_a_common_layout_are_read_one_by_one():
     payloads = [
-        odometry("<", (k, 0), "f" * k, "base", [float(k)]) for k in range(3 * template.LAYOUTS)
+        odometry("<>"[k % 2], (k, 0), "f" * k, "base", [float(k)])
+        for k in range(3 * template.LAYOUTS)
     ]
-    asked = []
-    kind, (_, paths) = "nav_msgs/msg/Odometry", KINDS["nav_msgs/msg/Odometry"]
-    struct, text = parse(kind, ros2msg(kind)), ros2msg(kind)
+    payloads[-5] = payloads[-5][:-8]
+    same(*both("nav_msgs/msg/Odometry", payloads, KINDS["nav_msgs/msg/Odometry"][1]))
+    text = "string pad\nbool on\nchar c\nfloat32[3] three\nint16[] some\nwstring wide"
+    payloads = [
+        Cdr().text("f" * k).put("B", k % 2, k).put("f", k, 2.0, 3.0).put("I", 2).put("h", k, -k)
+        for k in range(2 * template.LAYOUTS)
+    ]
+    paths = ["pad", "on", "c", "three", "some[1]"]
+    table, struct = messages([one.done() for one in payloads]), parse("a/msg/B", text)
+    found = template.decode(table, struct, paths)
+    count = len(payloads)
+    assert found.good.all()
+    assert found.columns["pad"].tolist() == ["f" * k for k in range(count)]
+    assert found.columns["on"].tolist() == [k % 2 == 1 for k in range(count)]
+    assert found.columns["c"].tolist() == list(range(count))
+    assert found.columns["three"].tolist() == [[k, 2.0, 3.0] for k in range(count)]
+    assert found.columns["some[1]"].tolist() == [-k for k in range(count)]
 
-    def slow(rest):
-        asked.append(len(rest.offset))
-        return ordinary.decode(rest, struct, text, paths)
 
-    fast = template.decode(messages(payloads), struct, paths, slow)
-    same(fast, slow(messages(payloads)))
-    assert asked[0] == 2 * template.LAYOUTS
+def test_the_work_on_messages_is_bounded_by_a_budget():
+    payloads = [Cdr().text("f" * k).put("i", k).done() for k in range(3 * template.LAYOUTS)]
+    struct = parse("a/msg/B", "string pad\nint32 last")
+    budget = Budget(3 * 100)
+    found = template.decode(messages(payloads), struct, ["last"], budget)
+    assert found.good.tolist() == [k < 100 for k in range(len(payloads))]
+    assert budget.left == 0
 
 
-def test_very_long_messages_go_to_the_ordinary_decoder():
+def test_a_long_text_costs_no_other_row():
+    long = "w" * 1_000_000
+    payloads = [Cdr().text(long if k == 7 else "world").done() for k in range(5000)]
+    column = template.decode(messages(payloads), parse("a/msg/B", "string a"), ["a"]).columns["a"]
+    assert column.nbytes == 8 * 5000
+    assert column[7] == long
+    assert set(column.tolist()) == {long, "world"}
+
+
+def test_very_long_messages_are_read_by_themselves():
     payload = mixed("<", [(1, 2.0)] * 20_000, [], [], 7)
-    fast, slow = both("a/msg/Mixed", [payload], ["last"], MIXED, fallback=True)
+    fast, slow = both("a/msg/Mixed", [payload], ["last"], MIXED)
     same(fast, slow)
     assert fast.columns["last"].tolist() == [7]
-
-
-def test_the_ordinary_decoder_decodes_each_message_once(monkeypatch):
-    official, reads = ordinary.DecoderFactory.decoder_for, []
-
-    def counting(factory, encoding, schema):
-        read = official(factory, encoding, schema)
-        return lambda data: reads.append(data) or read(data)
-
-    monkeypatch.setattr(ordinary.DecoderFactory, "decoder_for", counting)
-    kind, (_, paths) = "nav_msgs/msg/Odometry", KINDS["nav_msgs/msg/Odometry"]
-    payloads = [odometry("<", (k, 0), "odom", "base", [1.0]) for k in range(5)]
-    text = ros2msg(kind)
-    ordinary.decode(messages(payloads), parse(kind, text), text, paths)
-    assert len(paths) > 1
-    assert reads == payloads
 
 
 def test_a_wide_string_behind_the_wanted_fields_does_no_harm():
     text = "int32 first\nwstring wide\nint32 last"
     payload = Cdr().put("i", 5).put("I", 1, 65).put("i", 6).done()
     struct = parse("a/msg/B", text)
-    decoded = template.decode(messages([payload]), struct, ["first"], never)
+    decoded = template.decode(messages([payload]), struct, ["first"])
     assert decoded.columns["first"].tolist() == [5]
     assert decoded.good.all()
 

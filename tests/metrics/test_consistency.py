@@ -6,14 +6,13 @@ from scipy.stats import chi2
 
 from clt.metrics.associate import Matched
 from clt.metrics.consistency import (
-    all_nis,
     independent,
     inside_three_sigma,
     interval,
     nees,
-    pair_nis,
     regular,
 )
+from clt.metrics.pairs import all_nis, pair_nis
 from clt.streams import Innovations, Robot, Team
 
 P = np.array([[0.04, 0.01, 0.001], [0.01, 0.09, 0.002], [0.001, 0.002, 0.0004]])

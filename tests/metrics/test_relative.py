@@ -279,7 +279,8 @@ def test_neighbours_without_estimate_or_truth_are_said(through):
     truth = {**recording.truth, "R3": recording.truth["R2"]}
     truth.pop("A1")
     evaluation = evaluate(through(replace(recording, team=TEAM, truth=truth))[0])
-    assert texts(evaluation) == ["A1: no truth, not scored", "R3: no estimate"]
+    assert texts(evaluation) == ["R3: no estimate"]
+    assert evaluation.unscored == ("A1",)
     assert list(evaluation.estimate.scores) == ["R2"]
 
 

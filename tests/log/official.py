@@ -1,4 +1,4 @@
-"""The columns of `clt.log.template` by the official decoder, message by message: slow and sure."""
+"""The columns of `clt.log.template` by the official decoder, message by message: the oracle."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def _nothing(leaf: Leaf) -> Any:
 def _column(values: list[Any], leaf: Leaf) -> Column:
     shape = (len(values),) if leaf.size is None else (len(values), leaf.size)
     if leaf.kind == "text":
-        return np.array(values, dtype=np.str_).reshape(shape)
+        return np.array(values, dtype=np.object_).reshape(shape)
     if leaf.kind == "u1":  # the decoder takes `char` for a signed number
         return (np.array(values, np.int64) & 0xFF).astype(np.uint8).reshape(shape)
     return np.array(values, dtype=leaf.kind).reshape(shape)

@@ -1,0 +1,91 @@
+"""`clt settings`: every key of `--set`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from clt.cli.options import Force, Json, Quiet, Report, Verbose
+
+if TYPE_CHECKING:
+    from clt.settings_table import Key
+
+
+def settings(
+    key: Annotated[
+        str | None, typer.Argument(metavar="[KEY]", help="A key, or the table of some keys.")
+    ] = None,
+    of: Annotated[
+        Literal["localize", "simulate"],
+        typer.Option(help="The command whose keys are wanted; init takes those of localize."),
+    ] = "localize",
+    output: Report = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """List every key of --set with type, unit, default and one line.
+
+    Examples:
+      clt settings
+      clt settings noise.sigma_range
+      clt settings sensors.range --of simulate --json
+    """
+    import json
+    from dataclasses import asdict
+
+    from clt.cli.console import Console
+    from clt.cli.inputs import Inputs
+
+    console = Console(quiet, verbose)
+    inputs = Inputs.of()
+    inputs.check(output, force)
+    found = chosen(key, of)
+    with inputs.report(output, force) as file:
+        if as_json:
+            table = {"keys": [asdict(one) for one in found]}
+            print(json.dumps(table, allow_nan=False, indent=1), file=file)
+        else:
+            print("\n".join(lines(found)), file=file)
+    return console.code
+
+
+def chosen(key: str | None, of: str) -> list[Key]:
+    """The keys of a command that are `key` or below it. Raises UsageError naming the nearest."""
+    from clt.errors import UsageError
+    from clt.filters.settings import FilterSettings
+    from clt.settings import nearest
+    from clt.settings_table import keys_of
+    from clt.sim.scenario import Scenario
+    from clt.validation import short
+
+    every = keys_of(Scenario if of == "simulate" else FilterSettings)
+    if key is None:
+        return every
+    found = [one for one in every if one.name == key or one.name.startswith(f"{key}.")]
+    if len(found) == 0:
+        names = [one.name for one in every]
+        tables = {name.rpartition(".")[0] for name in names} - {""}
+        hint = nearest(key, [*names, *sorted(tables)])
+        hint = "; clt settings lists all" if hint.startswith(";") else hint
+        raise UsageError(f"unknown key `{short(key)}`{hint}")
+    return found
+
+
+def lines(keys: list[Key]) -> list[str]:
+    """A row per key: name, default, unit, type, and below it what it is."""
+    import json
+
+    rows = []
+    for one in keys:
+        default = "-" if one.default is None else json.dumps(one.default)
+        rows.append((one.name, default, one.unit, one.type))
+    head = ("key", "default", "unit", "type")
+    widths = [max(len(row[k]) for row in [head, *rows]) for k in range(3)]
+    table = []
+    for row, about in zip([head, *rows], ["what it is", *(one.about for one in keys)], strict=True):
+        cells = [cell.ljust(width) for cell, width in zip(row[:3], widths, strict=True)]
+        table += ["  ".join([*cells, row[3]]), f"    {about}"]
+    return table

@@ -1,0 +1,50 @@
+"""`clt streams`: a first streams file for somebody else's log."""
+
+from __future__ import annotations
+
+from clt.cli.options import Force, Json, Log, Quiet, Report, Verbose
+
+
+def streams(
+    log: Log,
+    output: Report = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Write a first streams.toml for a foreign log, guessed from its topics and types.
+
+    Examples:
+      clt streams bag -o streams.toml
+      clt streams bag.mcap
+    """
+    import json
+
+    from clt.cli.console import Console
+    from clt.cli.inputs import Inputs
+    from clt.cli.topics import described
+    from clt.log.foreign import draft_for
+    from clt.log.output import STDOUT
+
+    console = Console(quiet, verbose)
+    inputs = Inputs.of(log)
+    inputs.check(output, force)
+    drafted = draft_for(log)
+    with inputs.report(output, force) as file:
+        if as_json and output in {None, STDOUT}:
+            guesses = {one.topic: one.about for one in drafted.guesses}
+            document = {
+                "log": drafted.log,
+                "robots": list(drafted.robots),
+                "topics": described(drafted.topics, frozenset(), guesses),
+                "streams": drafted.text,
+            }
+            print(json.dumps(document, indent=1), file=file)
+        else:
+            file.write(drafted.text)
+    console.report(drafted.faults)
+    if output not in {None, STDOUT}:
+        console.say(f"{output}: {len(drafted.robots)} robots: {', '.join(drafted.robots)}")
+        console.say(f"check it, then: clt info {log} --streams {output}")
+    return console.code

@@ -1,0 +1,178 @@
+"""`--from` and `--to`: which part of a log a command uses."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from clt.cli.console import Console
+    from clt.log.load import LoadedLog
+    from clt.log.parts import Part
+    from clt.log.timeline import Timeline
+    from clt.streams import Recording
+
+From = Annotated[
+    str | None,
+    typer.Option(
+        "--from",
+        metavar="T",
+        help="Use the log from here on: seconds since its first stamp, or a time such as "
+        "2025-01-31T12:00:00 (UTC) or in seconds since 1970.",
+    ),
+]
+To = Annotated[
+    str | None, typer.Option("--to", metavar="T", help="Use it up to here; as --from takes it.")
+]
+EPOCH = 1_000_000_000
+"""Numbers from here on count from 1970 (this one is a day in 2001), smaller ones from the log."""
+NUMBER = re.compile(r"[+-]?(\d+)(\.\d*)?")
+LIMITS = (-(1 << 62), 1 << 62)
+OTHERS = 3
+"""So many other parts are listed."""
+
+
+@dataclass(frozen=True)
+class Instant:
+    """A time that a user gave."""
+
+    ns: int
+    relative: bool
+    """Since the first stamp of the log; otherwise since 1970."""
+
+    def of(self, start: int) -> int:
+        """The stamp (ns) in a log that begins at `start`."""
+        return start + self.ns if self.relative else self.ns
+
+
+@dataclass(frozen=True)
+class Period:
+    """From when until when; None: as far as the log goes."""
+
+    since: Instant | None
+    until: Instant | None
+
+
+ALWAYS = Period(None, None)
+
+
+def period_of(since: str | None, until: str | None) -> Period:
+    """What `--from` and `--to` say. Raises UsageError for what is no time."""
+    return Period(
+        None if since is None else instant("--from", since),
+        None if until is None else instant("--to", until),
+    )
+
+
+def instant(option: str, text: str) -> Instant:
+    """A time as a user writes it. Raises UsageError."""
+    from clt.errors import UsageError
+
+    try:
+        if NUMBER.fullmatch(text) is not None:
+            whole, _, part = text.partition(".")
+            ns = int(whole + (part + "0" * 9)[:9])
+            if LIMITS[0] < ns < LIMITS[1]:
+                return Instant(ns, ns < EPOCH * 1_000_000_000)
+        time = datetime.fromisoformat(text)
+        time = time.replace(tzinfo=UTC) if time.tzinfo is None else time
+        since = time - datetime(1970, 1, 1, tzinfo=UTC)
+        seconds = since.days * 86_400 + since.seconds
+        return Instant(seconds * 1_000_000_000 + since.microseconds * 1000, relative=False)
+    except (ValueError, OverflowError):
+        raise UsageError(
+            f"{option} {text}: give seconds since the log's first stamp, or a time such as "
+            "2025-01-31T12:00:00"
+        ) from None
+
+
+def usable(loaded: LoadedLog, period: Period, console: Console) -> Recording:
+    """What a command uses of a log, once its faults are said: one part that holds together.
+
+    That is what the period leaves of it; of several parts in there (see `clt.log.timeline`) the
+    one with the most messages. Raises UsageError for a period without data, CltError where no part
+    has both odometry and ranges though the log does.
+    """
+    from clt.errors import CltError
+    from clt.log.excerpt import part_of
+    from clt.log.findings import KINDS
+    from clt.log.timeline import faults_of, look
+
+    whole = loaded.recording
+    console.report(tuple(fault for fault in whole.faults if fault.kind not in KINDS))
+    recording = within(loaded, period)
+    timeline = look(recording, results=True)
+    if timeline is None:
+        return recording
+    console.report(faults_of(timeline, loaded.path))
+    part = timeline.parts[0]
+    text = used(timeline, part)
+    if len(text) > 0:
+        console.warn(f"{loaded.path}: {text}", partial=True)
+    chosen = part_of(recording, timeline, part)
+    lost = [
+        what
+        for what, before, after in (
+            ("odometry", len(recording.odometry), len(chosen.odometry)),
+            ("ranges", recording.ranges.stamp.size, chosen.ranges.stamp.size),
+        )
+        if before > 0 and after == 0
+    ]
+    if len(lost) > 0:
+        raise CltError(
+            f"{loaded.path}: no {' and no '.join(lost)} in the part with the most messages, as the "
+            "clocks of this log disagree (clt info says how); --from and --to choose another part"
+        )
+    return chosen
+
+
+def within(loaded: LoadedLog, period: Period) -> Recording:
+    """What a period leaves of a log. Raises UsageError where that is nothing."""
+    from clt.errors import UsageError
+    from clt.log.excerpt import cut
+    from clt.log.findings import moment
+    from clt.log.timeline import first_stamp
+
+    recording = loaded.recording
+    start = first_stamp(recording)
+    if start is None or (period.since is None and period.until is None):
+        return recording
+    low = LIMITS[0] if period.since is None else period.since.of(start)
+    high = LIMITS[1] if period.until is None else period.until.of(start)
+    found = cut(recording, low, high)
+    if high < low or first_stamp(found) is None:
+        raise UsageError(
+            f"{loaded.path}: no data between --from and --to; the first stamp of the log is "
+            f"{moment(start)}"
+        )
+    return found
+
+
+def used(timeline: Timeline, part: Part) -> str:
+    """Which part is used, what of other clocks is not, and how to get other parts."""
+    from clt.log.findings import moment
+
+    every = sum(one.messages for one in timeline.parts)
+    lines = []
+    if len(timeline.parts) > 1:
+        lines.append(
+            f"only the part with the most messages ({part.messages} of {every}) is used, from "
+            f"{moment(part.begin)} to {moment(part.end, later=True)}"
+        )
+    left = timeline.left_out(part)
+    if len(left) > 0:
+        lines.append(f"left out: {'; '.join(left)}")
+    apart = [one for one in timeline.parts if one.end < part.begin or one.begin > part.end]
+    others = [
+        f"--from {moment(one.begin)} --to {moment(one.end, later=True)} (messages: {one.messages})"
+        for one in apart[:OTHERS]
+    ]
+    if len(apart) > OTHERS:
+        others.append(f"{len(apart) - OTHERS} more")
+    if len(others) > 0:
+        lines.append(f"others: {', '.join(others)}")
+    return "; ".join(lines)

@@ -1,0 +1,28 @@
+"""Text of a log, made fit for a terminal: the one place where that is done."""
+
+from __future__ import annotations
+
+NAME = 100
+"""Characters of a name that are shown."""
+LINE = 4000
+"""Characters of a whole line."""
+
+
+def printable(text: str, most: int = LINE) -> str:
+    r"""`text` as one line that moves no cursor and reorders nothing, of about `most` characters.
+
+    Control, format and unassigned characters become their escapes, e.g. `\x1b`; the middle of
+    a longer text is left out.
+    """
+    if len(text) > most:
+        text = f"{text[: most // 2]}...{text[-(most // 2) :]}"
+    if text.isprintable():
+        return text
+    return "".join(
+        one if one.isprintable() else one.encode("unicode_escape").decode("ascii") for one in text
+    )
+
+
+def name(text: str, most: int = NAME) -> str:
+    """A name that a log gives."""
+    return printable(text, most)
