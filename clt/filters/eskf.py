@@ -205,6 +205,17 @@ def read_out(x: Floats, P: Floats, i: int, mean: Floats, covariance: Floats, o: 
 
 
 @lean
+def bend(
+    state: State, space: Space, segments: Segments, ranges: RangeTable, m: int, outputs: Outputs,
+    o: int, free: Free, run: Run,
+) -> None:  # fmt: skip
+    """Add to output o that a wide turn leads along a circle; found with the first of an instant."""
+    if o == 0 or outputs.stamp[o - 1] != outputs.stamp[o]:
+        find_bend(state.x, state.P, space, ranges, m, segments, state.cursor, free)
+    add_bend(state.x, space, outputs.robot[o], free, run.covariance[o])
+
+
+@lean
 def eskf(
     state: State, start: int, end: int, space: Space, lever: Floats, segments: Segments,
     ranges: RangeTable, outputs: Outputs, gate: float, form: int, first: bool,
@@ -217,7 +228,7 @@ def eskf(
     M, O = ranges.stamp.size, outputs.stamp.size  # noqa: E741
     # A literal 0 would compile all that is called with it once more.
     m: int = np.int64(0)  # type: ignore[assignment]
-    o, now = m, start
+    o, now, turns, hold = m, start, m, free.active != 0
     while m < M or o < O:
         now = outputs.stamp[o] if o < O else ranges.stamp[m]
         if m < M:
@@ -230,19 +241,20 @@ def eskf(
             last += 1
         if last > m:
             innovate(state, lever, ranges, m, last, gate, work, run)
-            turns = find(state.x, state.P, space, ranges, m, last, segments, state.cursor, free)
+            if hold:
+                turns = find(state.x, state.P, space, ranges, m, last, segments, state.cursor, free)
             correct(state, work, last - m, large, first)
-            exchange(state.x, state.P, space, ranges, m, last, segments, state.cursor, free, turns)
+            if hold:
+                exchange(
+                    state.x, state.P, space, ranges, m, last, segments, state.cursor, free, turns
+                )
             m = last
-        fresh = True
         while o < O and outputs.stamp[o] == now:
             i = outputs.robot[o]
             bring(state, i, now, segments, space, form, True)
-            if fresh:
-                find_bend(state.x, state.P, space, ranges, m, segments, state.cursor, free)
-                fresh = False
             read_out(state.x, state.P, i, run.mean, run.covariance, o)
-            add_bend(state.x, space, i, free, run.covariance[o])
+            if hold:
+                bend(state, space, segments, ranges, m, outputs, o, free, run)
             o += 1
     for d in range(state.time.size):
         advance(state, d, max(now, end), segments, space, form)

@@ -83,6 +83,9 @@ def test_a_covariance_beyond_all_digits_is_no_estimate(name):
     recording = replace(recording, odometry=late, ranges=ranges)
     start = from_truth(recording, (0.1, 0.1, 0.1))
     estimator = Estimator(name, parse_view("ego:R1"))
+    stamp = lay_out(recording, start, DEFAULTS, estimator.view).outputs.stamp
+    assert np.all(np.diff(stamp) >= 0)
+    assert stamp[0] == start.stamp
     try:
         result = estimate(recording, start, DEFAULTS, estimator)
     except CltError:
