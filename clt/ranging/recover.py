@@ -28,6 +28,8 @@ GRAIN = 2.0**-17
 """8 um; a tick is 5 mm."""
 HEAD = 20_000
 """Packets on which both methods are tried."""
+LONGEST = 3600.0
+"""No error of a clock filter lives longer, s."""
 ENOUGH = 2000
 """Values from which percentiles are taken."""
 COMMON_CLOCK = "the listener's clock, each robot's by regression"
@@ -103,7 +105,7 @@ def recover(
     return Recovered(
         replace(
             recording,
-            team=replace(team, range_correlation=tau),
+            team=replace(team, range_correlation=min(tau, LONGEST)),
             odometry={**told, **recording.odometry},
             ranges=ranges,
             frames=no_frames(),
