@@ -69,7 +69,7 @@ def show_windows(found: Windows) -> None:
         f"\n{found.rank.size} windows of {length:g} s, at the {found.source.replace('_', ' ')}: "
         f"full rank {found.dimension} in {full}"
     )
-    width = max(len(name) for name in found.robots)
+    width = max((len(name) for name in found.robots), default=0)
     for name, seen in found.robots.items():
         print(f"  {name:{width}}  {told(seen)}")
 

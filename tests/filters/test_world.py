@@ -76,7 +76,7 @@ def test_a_static_robot_of_uncertain_position_is_found():
     assert np.all(np.abs(error) < 4.0 * sigma[:2])
     assert np.all(sigma[:2] < 0.1)
     assert np.ptp(found.heading) == 0.0
-    assert np.all(found.covariance[:, 2, 2] == 0.0)
+    assert np.all(found.covariance[:, 2, 2] > 3.0)  # of no meaning: unknown
 
 
 def brute_force(problem):
