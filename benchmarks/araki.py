@@ -21,12 +21,12 @@ from pathlib import Path
 import numpy as np
 from relative import RelativeScore, bound, relative_start, score_bound, score_estimate
 
-from clt.filters import world
-from clt.filters.choices import View
-from clt.filters.settings import FilterSettings
+from clt.core.recording import Recording
+from clt.estimation import estimators
+from clt.model.choices import View
+from clt.model.settings import FilterSettings
 from clt.sim.scenario import Scenario, load_scenario
 from clt.sim.simulate import exact, simulate
-from clt.streams import Recording
 
 EGO = "car1"
 VIEW = View("ego", (EGO,))
@@ -93,9 +93,11 @@ def run(
     start = relative_start(recording, EGO, sigma, scenario.seed)
     result = {}
     for name in FILTERS:
-        poses = world.localize(recording, start, settings, world.Estimator(name, VIEW)).poses
+        poses = estimators.localize(
+            recording, start, settings, estimators.Estimator(name, VIEW)
+        ).poses
         result[name] = {car: score_estimate(recording, poses[car], car) for car in poses}
-    reckoned = world.dead_reckon(recording, start, settings, VIEW)
+    reckoned = estimators.dead_reckon(recording, start, settings, VIEW)
     result["dead reckoning"] = {
         car: score_estimate(recording, reckoned[car], car) for car in reckoned
     }

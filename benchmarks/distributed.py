@@ -21,12 +21,12 @@ from distributed_cost import costs, tables
 from distributed_figures import draw_costs, draw_errors
 from relative import relative_start, relative_truth
 
-from clt.filters import world
-from clt.filters.choices import View
-from clt.filters.settings import FilterSettings
+from clt.core.recording import Floats, Poses, Recording
+from clt.estimation import estimators
+from clt.model.choices import View
+from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
-from clt.streams import Floats, Poses, Recording
 
 EGO = "R1"
 VIEW = View("ego", (EGO,))
@@ -92,14 +92,16 @@ def study(
         scenario = load_scenario("li-three", {**overrides, "seed": seed})
         recording = simulate(scenario.model_copy(update={"robots": ()}) if wander else scenario)
         start = relative_start(recording, EGO, sigma, seed)
-        reckoned = world.dead_reckon(recording, start, FilterSettings(), VIEW)
+        reckoned = estimators.dead_reckon(recording, start, FilterSettings(), VIEW)
         own = scores.setdefault("dead reckoning", Scores())
         own.square.append(squares(recording, reckoned))
         cases = [("pf", name, own_settings) for name, own_settings in CENTRAL.items()]
         cases += [("dpf", name, own_settings) for name, own_settings in DISTRIBUTED.items()]
         for kind, name, own_settings in cases:
             settings = FilterSettings.model_validate({kind: own_settings | {"seed": seed}})
-            posterior = world.localize(recording, start, settings, world.Estimator(kind, VIEW))
+            posterior = estimators.localize(
+                recording, start, settings, estimators.Estimator(kind, VIEW)
+            )
             own = scores.setdefault(name, Scores())
             own.square.append(squares(recording, posterior.poses))
             busiest = max((r["bytes_sent"] for r in posterior.traffic.values()), default=0)

@@ -9,13 +9,13 @@ from time import process_time
 import numpy as np
 from relative import relative_start
 
-from clt.filters.choices import View
-from clt.filters.dpf_gaussians import gaussians
-from clt.filters.dpf_points import Points, copies, points
-from clt.filters.dpf_rounds import rounds_of, rows
-from clt.filters.inputs import RangeTable
-from clt.filters.problem import Problem, lay_out
-from clt.filters.settings import Dpf, FilterSettings
+from clt.filters.distributed.gaussians import gaussians
+from clt.filters.distributed.points import Points, copies, points
+from clt.filters.distributed.rounds import rounds_of, rows
+from clt.model.choices import View
+from clt.model.inputs import RangeTable
+from clt.model.problem import Problem, lay_out
+from clt.model.settings import Dpf, FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
 

@@ -19,12 +19,12 @@ from distributed import EGO, STARTS, VIEW, squares
 from relative import relative_start
 from report import publish
 
-from clt.errors import UsageError
-from clt.filters import world
-from clt.filters.settings import FilterSettings
+from clt.core.errors import UsageError
+from clt.core.recording import Floats, Recording
+from clt.estimation import estimators
+from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
-from clt.streams import Floats, Recording
 
 RESAMPLES = 2000
 
@@ -46,7 +46,9 @@ def errors(recording: Recording, seed: int, particles: int) -> tuple[float, floa
     found = []
     for keys in (complete, line, complete | {"seed": seed + 1000}):
         settings = FilterSettings.model_validate({"dpf": keys})
-        posterior = world.localize(recording, start, settings, world.Estimator("dpf", VIEW))
+        posterior = estimators.localize(
+            recording, start, settings, estimators.Estimator("dpf", VIEW)
+        )
         found.append(float(squares(recording, posterior.poses).mean()))
     return found[0], found[1], found[2]
 

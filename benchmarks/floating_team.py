@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from clt.filters import world
-from clt.filters.settings import FilterSettings
-from clt.geometry import wrap
-from clt.init.truth import from_truth
+from clt.core.geometry import wrap
+from clt.core.recording import Floats, Recording
+from clt.estimation import estimators
+from clt.initialization.given.truth import from_truth
+from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
-from clt.streams import Floats, Recording
 
 CASES = {
     "two static": {},
@@ -38,7 +38,9 @@ DRAWS = 10_000
 def score(recording: Recording, jacobians: str) -> tuple[float, float, float]:
     """Mean squared position error (m^2) and heading error (rad^2), mean NEES, after 10 s."""
     settings = FilterSettings.model_validate({"jacobians": jacobians})
-    posterior = world.localize(recording, from_truth(recording, settings.initial.sigma), settings)
+    posterior = estimators.localize(
+        recording, from_truth(recording, settings.initial.sigma), settings
+    )
     rows = []
     for name, poses in posterior.poses.items():
         truth = recording.truth[name]

@@ -21,19 +21,19 @@ import numpy as np
 from relative import RelativeScore, bound, relative_start, score_bound, score_estimate
 from report import publish
 
-from clt.filters import world
-from clt.filters.choices import View
-from clt.filters.settings import FilterSettings
+from clt.estimation import estimators
+from clt.model.choices import View
+from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import exact, simulate
 
 MUTUAL, EGO = View("mutual", ("R1", "R2")), View("ego", ("R1",))
 SETTINGS = FilterSettings.model_validate({"pf": {"kind": "sir", "particles": 20000}})
 ESTIMATORS = {
-    "EKF": world.Estimator("ekf", MUTUAL),
-    "UKF": world.Estimator("ukf", MUTUAL),
-    "mixture": world.Estimator("mixture", MUTUAL),
-    "PF 20,000": world.Estimator("pf", EGO),
+    "EKF": estimators.Estimator("ekf", MUTUAL),
+    "UKF": estimators.Estimator("ukf", MUTUAL),
+    "mixture": estimators.Estimator("mixture", MUTUAL),
+    "PF 20,000": estimators.Estimator("pf", EGO),
 }
 
 
@@ -64,7 +64,7 @@ def run(case: Case, seeds: int) -> tuple[dict[str, list[RelativeScore]], dict[st
         start = relative_start(recording, "R1", case.sigma, seed, case.error)
         for name, estimator in ESTIMATORS.items():
             begin = process_time()
-            posterior = world.localize(recording, start, SETTINGS, estimator)
+            posterior = estimators.localize(recording, start, SETTINGS, estimator)
             seconds[name] += process_time() - begin
             scores[name].append(score_estimate(recording, posterior.poses["R2"], "R2"))
         # What an error of the size that was drawn leaves, told to the filter.
@@ -83,7 +83,7 @@ def main() -> None:
     recording = simulate(load_scenario("freeman", {"duration": 1.0}))  # Compiles once.
     for estimator in ESTIMATORS.values():
         start = relative_start(recording, "R1", (0.1, 0.1), 0)
-        world.localize(recording, start, SETTINGS, estimator)
+        estimators.localize(recording, start, SETTINGS, estimator)
     lines = [
         (
             f"{options.seeds} seeds (`python benchmarks/freeman.py`): position RMSE of T21 in m, "

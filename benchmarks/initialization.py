@@ -16,24 +16,24 @@ from pathlib import Path
 
 import numpy as np
 
-from clt.calibration import apply, read_calibration
-from clt.cli.localize import read_settings
-from clt.filters.settings import FilterSettings
-from clt.geometry import wrap
+from clt.calibration.apply import apply, read_calibration
+from clt.cli.commands.localize import read_settings
+from clt.core.geometry import wrap
+from clt.core.recording import WORLD, Floats, Poses, Recording
+from clt.estimation.pipeline import estimate
 from clt.importers.thu import read_thu
-from clt.init.layout import lay_out
-from clt.init.motion import from_motion
-from clt.init.pairs import Pairs
-from clt.init.status import Initialization
+from clt.initialization.motion.layout import lay_out
+from clt.initialization.motion.motion import from_motion
+from clt.initialization.pair_distances import Pairs
+from clt.initialization.status import Initialization
 from clt.metrics.evaluate import evaluate
 from clt.metrics.evaluation import EvaluateOptions
-from clt.pipeline import estimate
+from clt.model.settings import FilterSettings
 from clt.ranging.recover import recover
 from clt.sim.motion import paths
 from clt.sim.scenario import Scenario, load_scenario
 from clt.sim.simulate import exact, simulate
 from clt.sim.team import members
-from clt.streams import WORLD, Floats, Poses, Recording
 
 HERE = Path(__file__).parent
 DEFAULTS = FilterSettings()

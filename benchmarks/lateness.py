@@ -19,18 +19,19 @@ from typing import TypeVar
 import numpy as np
 from relative import relative_start, relative_truth
 
-from clt.filters import received, world
-from clt.filters.choices import View
-from clt.filters.settings import FilterSettings
-from clt.init.start import Start
+from clt.core.recording import Odometry, Poses, Ranges, Recording
+from clt.core.start import Start
+from clt.estimation import estimators
+from clt.estimation.replay import received
 from clt.metrics.associate import interpolate
+from clt.model.choices import View
+from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
-from clt.streams import Odometry, Poses, Ranges, Recording
 
 EGO = "car1"
 VIEW = View("ego", (EGO,))
-EKF = world.Estimator("ekf", VIEW)
+EKF = estimators.Estimator("ekf", VIEW)
 SIGMA = (0.3, 0.2)
 SCENES = ("araki-semicircles", "araki-five")
 """Two cars: a scene where lateness decides. In `araki-left-turns` wrong modes of the EKF do: its
@@ -65,7 +66,7 @@ def with_lag(lag: float) -> Way:
 
 def by_stamp(recording: Recording, start: Start) -> Mapping[str, Poses]:
     """The sorted replay."""
-    return world.localize(recording, start, FilterSettings(), EKF).poses
+    return estimators.localize(recording, start, FilterSettings(), EKF).poses
 
 
 def on_arrival(recording: Recording, start: Start) -> Mapping[str, Poses]:

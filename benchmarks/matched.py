@@ -26,10 +26,10 @@ from scipy.stats import beta
 from typer.testing import CliRunner
 
 from clt.cli.app import app
-from clt.geometry import relative_pose
-from clt.init.truth import from_truth
-from clt.log.load import load
-from clt.streams import Recording
+from clt.core.geometry import relative_pose
+from clt.core.recording import Recording
+from clt.initialization.given.truth import from_truth
+from clt.log.recording.load import load
 
 DIMENSION = 3
 WRONG = 5.0

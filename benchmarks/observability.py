@@ -30,21 +30,21 @@ from typing import Any
 import numpy as np
 from processes import CLT, wall
 
-from clt.filters import world
-from clt.filters.settings import FilterSettings, Noise
-from clt.geometry import wrap
-from clt.init.start import InitialPose, Start
-from clt.init.truth import from_truth
-from clt.log.save import save
+from clt.core.geometry import wrap
+from clt.core.recording import Floats, Recording
+from clt.core.start import InitialPose, Start
+from clt.estimation import estimators
+from clt.initialization.given.truth import from_truth
+from clt.log.recording.save import save
+from clt.model.settings import FilterSettings, Noise
 from clt.observability.advice import setup_of
-from clt.observability.analysis import Analysis, analyse
-from clt.observability.gramian import windows
-from clt.observability.reference import Reference, reference_of
-from clt.observability.windows import SEEN_HEADING, SEEN_POSITION, STEP, look
+from clt.observability.exact.analysis import Analysis, analyse
+from clt.observability.windows.gramian import windows
+from clt.observability.windows.reference import Reference, reference_of
+from clt.observability.windows.windows import SEEN_HEADING, SEEN_POSITION, STEP, look
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import exact as without_noise
 from clt.sim.simulate import simulate
-from clt.streams import Floats, Recording
 
 LARGE, SMALL, TINY = (np.array([0.2, 0.2, 0.1]) * factor for factor in (1.0, 0.1, 0.001))
 """Standard deviations of the initial errors, m and rad. What is observable must overcome large ones
@@ -157,7 +157,7 @@ def invariant(error: Floats, place: Floats) -> Floats:
 
 def errors(recording: Recording, start: Start, names: list[str], centre: Floats) -> Floats:
     """Invariant errors (2, 3 n) at the start and at the end of one filter run."""
-    posterior = world.localize(recording, start, FilterSettings(gate=0.0))
+    posterior = estimators.localize(recording, start, FilterSettings(gate=0.0))
     found = []
     for which in (0, -1):
         rows, places = [], []

@@ -27,14 +27,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.geometry import rotation, wrap
-from clt.init.pair_graph import combine
-from clt.init.pair_hypotheses import Hypotheses
-from clt.init.pair_likelihood import Pair
-from clt.init.pair_team import doubted, told
-from clt.init.pairwise import solve_pair
-from clt.init.status import RobotStatus
-from clt.streams import Floats
+from clt.core.geometry import rotation, wrap
+from clt.core.recording import Floats
+from clt.initialization.pairwise.graph import combine
+from clt.initialization.pairwise.hypotheses import Hypotheses
+from clt.initialization.pairwise.likelihood import Pair
+from clt.initialization.pairwise.pairwise import solve_pair
+from clt.initialization.pairwise.team import doubted, told
+from clt.initialization.status import RobotStatus
 
 STEP = 0.6
 REGION = 13.93

@@ -20,11 +20,11 @@ from pathlib import Path
 import numpy as np
 from processes import CLT, iterating, wall
 
+from clt.core.recording import Floats, Ranges, Recording
+from clt.core.ticks import HZ, SPAN
 from clt.ranging.recover import recover
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
-from clt.streams import Floats, Ranges, Recording
-from clt.ticks import HZ, SPAN
 
 BRISK = {
     "trajectory.speed": 1.5,

@@ -17,20 +17,20 @@ from pathlib import Path
 import numpy as np
 from report import publish
 
-from clt.calibration import apply, read_calibration
-from clt.filters.choices import View
-from clt.filters.settings import FilterSettings
-from clt.filters.world import Estimator, dead_reckon
-from clt.geometry import relative_pose, wrap
+from clt.calibration.apply import apply, read_calibration
+from clt.core.geometry import relative_pose, wrap
+from clt.core.recording import Recording
+from clt.core.settings import read_toml
+from clt.estimation.estimators import Estimator, dead_reckon
+from clt.estimation.pipeline import estimate
 from clt.importers import FORMATS
-from clt.init.pair_team import from_pairwise
-from clt.init.truth import from_truth
+from clt.initialization.given.truth import from_truth
+from clt.initialization.pairwise.team import from_pairwise
 from clt.metrics.associate import as_array, interpolate
 from clt.metrics.evaluate import evaluate
 from clt.metrics.scores import Score
-from clt.pipeline import estimate
-from clt.settings import read_toml
-from clt.streams import Recording
+from clt.model.choices import View
+from clt.model.settings import FilterSettings
 
 HERE = Path(__file__).parent
 LOGS = {

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.filters import world
-from clt.filters.choices import View
-from clt.filters.posterior import Posterior
-from clt.filters.settings import FilterSettings
-from clt.geometry import relative_pose, wrap
-from clt.init.start import InitialPose, Start
-from clt.init.truth import from_truth
+from clt.core.geometry import relative_pose, wrap
+from clt.core.recording import Floats, Poses, Recording, Stamps
+from clt.core.start import InitialPose, Start
+from clt.estimation import estimators
+from clt.estimation.posterior import Posterior
+from clt.initialization.given.truth import from_truth
 from clt.metrics.associate import SECOND, as_array, interpolate
-from clt.streams import Floats, Poses, Recording, Stamps
+from clt.model.choices import View
+from clt.model.settings import FilterSettings
 
 MAX_GAP = 0.2
 """Truth is interpolated over so much, s."""
@@ -114,4 +114,4 @@ def score_bound(poses: Poses) -> RelativeScore:
 
 def bound(perfect: Recording, start: Start, settings: FilterSettings, view: View) -> Posterior:
     """The EKF's covariance recursion with its Jacobians at the truth (Tichavsky et al. 1998)."""
-    return world.localize(perfect, start, settings, world.Estimator("ekf", view))
+    return estimators.localize(perfect, start, settings, estimators.Estimator("ekf", view))

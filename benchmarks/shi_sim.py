@@ -15,14 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from clt.filters import world
-from clt.filters.settings import FilterSettings
-from clt.geometry import wrap
-from clt.init.start import InitialPose, Start
-from clt.init.truth import from_truth
+from clt.core.geometry import wrap
+from clt.core.recording import Floats, Poses, Recording
+from clt.core.start import InitialPose, Start
+from clt.estimation import estimators
+from clt.initialization.given.truth import from_truth
+from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import exact, simulate
-from clt.streams import Floats, Poses, Recording
 
 SIGMA = (0.01, 0.01, 0.01)
 
@@ -71,9 +71,9 @@ def run(recording: Recording, perfect: Recording, seed: int) -> Score:
     """Filter one log and its exact twin."""
     settings = FilterSettings()
     start = drawn(from_truth(recording, SIGMA), seed)
-    posterior = world.localize(recording, start, settings)
-    bound = world.localize(perfect, from_truth(perfect, SIGMA), settings)
-    alone = world.dead_reckon(recording, start, settings)
+    posterior = estimators.localize(recording, start, settings)
+    bound = estimators.localize(perfect, from_truth(perfect, SIGMA), settings)
+    alone = estimators.dead_reckon(recording, start, settings)
     sums = np.zeros(7)
     count = 0
     for name, poses in posterior.poses.items():

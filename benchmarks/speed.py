@@ -20,12 +20,12 @@ from time import process_time
 
 from processes import CLT, iterating, wall
 
-from clt.filters.gaussian import solve_eskf
-from clt.filters.problem import Problem, lay_out
-from clt.filters.settings import FilterSettings
-from clt.filters.solution import Filter
-from clt.filters.world import FILTERPY, FILTERS
-from clt.init.truth import from_truth
+from clt.estimation.estimators import FILTERPY, FILTERS
+from clt.filters.kalman.gaussian import solve_eskf
+from clt.initialization.given.truth import from_truth
+from clt.model.problem import Problem, lay_out
+from clt.model.settings import FilterSettings
+from clt.model.solution import Filter
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clt.geometry import wrap
-from clt.streams import Innovations, Poses, Recording, Robot, Team
+from clt.core.geometry import wrap
+from clt.core.recording import Innovations, Poses, Recording, Robot, Team
 
 PERIOD = 50_000_000
 START = 1_700_000_000_123_456_789

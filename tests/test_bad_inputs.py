@@ -19,8 +19,8 @@ from mcap.writer import Writer
 from typer.testing import CliRunner
 
 from clt.cli.app import app
-from clt.log.metadata import TEAM, encode_team
-from clt.streams import Robot, Team
+from clt.core.recording import Robot, Team
+from clt.log.recording.metadata import TEAM, encode_team
 from tests.log.logs import (
     Cdr,
     odometry_message,

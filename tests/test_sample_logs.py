@@ -17,7 +17,7 @@ from mcap.stream_reader import StreamReader
 from typer.testing import CliRunner
 
 from clt.cli.app import app
-from clt.log import write
+from clt.log.mcap import write
 
 FOLDER = Path(__file__).parents[1] / "sample_logs"
 README = (FOLDER / "README.md").read_text()

@@ -19,54 +19,58 @@ from clt.cli.console import FAILED, INTERRUPTED
 from clt.cli.environment import check_environment
 from clt.cli.lazy import Row, lazy_group
 from clt.cli.stdio import prepare
-from clt.errors import CltError
-from clt.printable import printable
+from clt.core.errors import CltError
+from clt.core.printable import printable
 
 COMMANDS = {
     "demo": Row(
-        "clt.cli.demo:demo",
+        "clt.cli.commands.demo:demo",
         "Simulate, localize, evaluate and plot, and say where each file went.",
     ),
-    "import": Row("clt.cli.import_log:import_log", "Turn a data set of another format into a log."),
+    "import": Row(
+        "clt.cli.commands.import_log:import_log", "Turn a data set of another format into a log."
+    ),
     "init": Row(
-        "clt.cli.init:init",
+        "clt.cli.commands.init:init",
         "Find the initial pose of every robot, or say why it cannot be told yet.",
     ),
     "localize": Row(
-        "clt.cli.localize:localize",
+        "clt.cli.commands.localize:localize",
         "Estimate where every robot is, and how sure that is, from its ranges and odometry.",
     ),
     "simulate": Row(
-        "clt.cli.simulate:simulate",
+        "clt.cli.commands.simulate:simulate",
         "Simulate a team of robots: odometry, ranges and the truth go into a log.",
     ),
     "evaluate": Row(
-        "clt.cli.evaluate:evaluate",
+        "clt.cli.commands.evaluate:evaluate",
         "Score estimates against the truth, dead reckoning beside them.",
     ),
     "observability": Row(
-        "clt.cli.observability:observability",
+        "clt.cli.commands.observability:observability",
         "Tell what cannot be observed, in which direction, and what would change that.",
     ),
     "plot": Row(
-        "clt.cli.plot:plot",
+        "clt.cli.commands.plot:plot",
         "Draw trajectories, errors with their 3-sigma bounds, and range innovations.",
     ),
     "range": Row(
-        "clt.cli.range_log:range_log",
+        "clt.cli.commands.range_log:range_log",
         "Turn the packets of a UWB broadcast network into ranges, as each robot would.",
     ),
     "streams": Row(
         "clt.cli.commands.streams:streams",
         "Write a first streams.toml for a foreign log, guessed from its topics and types.",
     ),
-    "info": Row("clt.cli.info:info", "Tell robots, pairs, rates, gaps, truth and faults of a log."),
+    "info": Row(
+        "clt.cli.commands.info:info", "Tell robots, pairs, rates, gaps, truth and faults of a log."
+    ),
     "settings": Row(
         "clt.cli.commands.settings:settings",
         "List every key of --set with type, unit, default and one line.",
     ),
     "recover": Row(
-        "clt.cli.recover:recover",
+        "clt.cli.commands.recover:recover",
         "Copy everything sound of a damaged log into a sound one, and say what was lost.",
     ),
 }

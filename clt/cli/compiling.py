@@ -13,9 +13,9 @@ def announced(console: Console, ranging: bool = False) -> Iterator[None]:
     """Say so, once, if a kernel has to be compiled meanwhile: one of ranging, else of a filter."""
     watched: Callable[[Callable[[bool], None]], AbstractContextManager[None]]
     if ranging:
-        from clt.filters.kept import watched
+        from clt.jit.kept import watched
     else:
-        from clt.filters.compiled import watched
+        from clt.jit.compiled import watched
 
     def say(kept: bool) -> None:
         if kept:

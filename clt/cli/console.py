@@ -6,10 +6,10 @@ import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from clt.printable import printable
+from clt.core.printable import printable
 
 if TYPE_CHECKING:
-    from clt.streams import Fault  # importing it for real would load numpy for `clt --help`
+    from clt.core.recording import Fault  # importing it for real would load numpy for `clt --help`
 
 DONE, FAILED, USAGE, PARTIAL, INTERRUPTED = 0, 1, 2, 3, 130
 

@@ -9,8 +9,8 @@ def check_environment() -> None:
     """Raise UsageError for a `CLT_*` variable that no command knows."""
     if not any(name.startswith("CLT_") for name in os.environ):
         return
-    from clt.filters.settings import FilterSettings
-    from clt.settings import refuse_unknown_variables
+    from clt.core.settings import refuse_unknown_variables
+    from clt.model.settings import FilterSettings
     from clt.sim.scenario import Scenario
 
     refuse_unknown_variables((FilterSettings, Scenario))

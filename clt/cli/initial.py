@@ -6,17 +6,17 @@ from math import degrees
 
 from clt.cli.compiling import announced
 from clt.cli.console import Console
-from clt.document import Document
-from clt.errors import CltError
-from clt.filters.settings import FilterSettings
-from clt.init.motion import from_motion
-from clt.init.poses import from_poses
-from clt.init.recorded import from_record
-from clt.init.start import Start
-from clt.init.status import Initialization, as_given
-from clt.init.truth import from_truth
-from clt.settings import read_toml
-from clt.streams import Recording
+from clt.core.document import Document
+from clt.core.errors import CltError
+from clt.core.recording import Recording
+from clt.core.settings import read_toml
+from clt.core.start import Start
+from clt.initialization.given.poses import from_poses
+from clt.initialization.given.recorded import from_record
+from clt.initialization.given.truth import from_truth
+from clt.initialization.motion.motion import from_motion
+from clt.initialization.status import Initialization, as_given
+from clt.model.settings import FilterSettings
 
 
 def find(
@@ -44,7 +44,7 @@ def find(
         missing(found, console)
         return method, found
     if method == "pairwise":
-        from clt.init.pair_team import from_pairwise
+        from clt.initialization.pairwise.team import from_pairwise
 
         with announced(console):
             found = from_pairwise(recording, settings, ego)
@@ -56,7 +56,7 @@ def find(
         console.say("initial poses: from the log's own record")
         return "record", as_given(recorded, recording.team, "initial pose in the record")
     if method == "auto" and ego is None and len(recording.team.static) < 2:
-        from clt.init.known import from_references
+        from clt.initialization.given.known import from_references
 
         with announced(console):
             placed = from_references(recording, settings)
@@ -90,7 +90,7 @@ def completed_start(
 
     Says which cannot be placed, and why.
     """
-    from clt.init.known import completed, lacking
+    from clt.initialization.given.known import completed, lacking
 
     left = lacking(recording, start)
     if len(left) == 0 or recording.ranges.stamp.size == 0:

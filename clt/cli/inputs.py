@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, TextIO
 
-from clt.document import Document
+from clt.core.document import Document
 from clt.log import output as target
 
 if TYPE_CHECKING:
-    from clt.streams import Recording  # numpy, slow to import
+    from clt.core.recording import Recording  # numpy, slow to import
 
 MEDIA_TYPE = "application/toml"
 OWN = ("config", "poses")
@@ -87,7 +87,7 @@ class Inputs:
         What travelled with the input travels on, but for a document of the same role and for
         the configuration and poses of earlier commands, whose record says what they set.
         """
-        from clt.streams import Attachment
+        from clt.core.recording import Attachment
 
         gone = {f"{role}.toml" for role in (*OWN, *self.documents)}
         kept = [one for one in recording.attachments if one.name not in gone]

@@ -11,10 +11,10 @@ import typer
 
 if TYPE_CHECKING:
     from clt.cli.console import Console
-    from clt.log.load import LoadedLog
-    from clt.log.parts import Part
-    from clt.log.timeline import Timeline
-    from clt.streams import Recording
+    from clt.core.recording import Recording
+    from clt.log.recording.clocks.parts import Part
+    from clt.log.recording.clocks.timeline import Timeline
+    from clt.log.recording.load import LoadedLog
 
 From = Annotated[
     str | None,
@@ -70,7 +70,7 @@ def period_of(since: str | None, until: str | None) -> Period:
 
 def instant(option: str, text: str) -> Instant:
     """A time as a user writes it. Raises UsageError."""
-    from clt.errors import UsageError
+    from clt.core.errors import UsageError
 
     try:
         if NUMBER.fullmatch(text) is not None:
@@ -93,14 +93,14 @@ def instant(option: str, text: str) -> Instant:
 def usable(loaded: LoadedLog, period: Period, console: Console) -> Recording:
     """What a command uses of a log, once its faults are said: one part that holds together.
 
-    That is what the period leaves of it; of several parts in there (see `clt.log.timeline`) the
-    one with the most messages. Raises UsageError for a period without data, CltError where no part
-    has both odometry and ranges though the log does.
+    That is what the period leaves of it; of several parts in there (see
+    `clt.log.recording.clocks.timeline`) the one with the most messages. Raises UsageError for a
+    period without data, CltError where no part has both odometry and ranges though the log does.
     """
-    from clt.errors import CltError
-    from clt.log.excerpt import part_of
-    from clt.log.findings import KINDS
-    from clt.log.timeline import faults_of, look
+    from clt.core.errors import CltError
+    from clt.log.recording.clocks.excerpt import part_of
+    from clt.log.recording.clocks.findings import KINDS
+    from clt.log.recording.clocks.timeline import faults_of, look
 
     whole = loaded.recording
     console.report(tuple(fault for fault in whole.faults if fault.kind not in KINDS))
@@ -132,10 +132,10 @@ def usable(loaded: LoadedLog, period: Period, console: Console) -> Recording:
 
 def within(loaded: LoadedLog, period: Period) -> Recording:
     """What a period leaves of a log. Raises UsageError where that is nothing."""
-    from clt.errors import UsageError
-    from clt.log.excerpt import cut
-    from clt.log.findings import moment
-    from clt.log.timeline import first_stamp
+    from clt.core.errors import UsageError
+    from clt.log.recording.clocks.excerpt import cut
+    from clt.log.recording.clocks.findings import moment
+    from clt.log.recording.clocks.timeline import first_stamp
 
     recording = loaded.recording
     start = first_stamp(recording)
@@ -154,7 +154,7 @@ def within(loaded: LoadedLog, period: Period) -> Recording:
 
 def used(timeline: Timeline, part: Part) -> str:
     """Which part is used, what of other clocks is not, and how to get other parts."""
-    from clt.log.findings import moment
+    from clt.log.recording.clocks.findings import moment
 
     every = sum(one.messages for one in timeline.parts)
     lines = []

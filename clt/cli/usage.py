@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from clt.printable import printable
+from clt.core.printable import printable
 
 FORMS = (
     (r"Missing command\.", "give a command"),
@@ -24,8 +24,8 @@ def usage_line(error: Any, command: str | None) -> str:
 
     `command` is the one that was called, if it is known.
     """
-    from clt.settings import nearest
-    from clt.validation import QUOTE, describe, one_of, short
+    from clt.core.settings import nearest
+    from clt.core.validation import QUOTE, describe, one_of, short
 
     words = ["clt"] if command is None else ["clt", command]
     text = re.sub(r"\s*\(Possible options: .*\)$", "", error.format_message())

@@ -1,1 +1,1 @@
-"""Estimators: streams and initial poses in, a posterior out. No files, no terminals."""
+"""Families of filters: a `Problem` in, a `Solution` out."""

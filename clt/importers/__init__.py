@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from clt.core.recording import Recording
 from clt.importers import thu, thu_capture, tiers, vub
-from clt.streams import Recording
 
 
 class Format(NamedTuple):

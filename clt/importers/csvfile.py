@@ -15,10 +15,10 @@ from typing import TextIO
 
 import numpy as np
 
-from clt.errors import LogError
-from clt.log import tidy
+from clt.core.errors import LogError
+from clt.core.recording import Floats, Stamps
 from clt.log.faults import Faults
-from clt.streams import Floats, Stamps
+from clt.log.recording import cleaning
 
 SECONDS = re.compile(r"\s*(\d{1,10})(?:\.(\d*))?\s*", re.ASCII)
 """Read digit by digit: a float has no room for nanoseconds."""
@@ -58,11 +58,11 @@ def read_table(path: Path, time: str, names: Sequence[str], faults: Faults) -> T
     stamp = np.array([at for at, _ in parsed], np.int64)
     values = np.array([row for _, row in parsed]).reshape(-1, len(names))
     kept = np.flatnonzero(
-        tidy.drop(faults, path.name, "row", stamp < 0, "rows are not a time and numbers")
+        cleaning.drop(faults, path.name, "row", stamp < 0, "rows are not a time and numbers")
     )
-    kept = kept[tidy.usable(faults, path.name, np.ones(len(kept), np.bool_), values[kept])]
-    kept = kept[tidy.sorted_rows(faults, path.name, stamp[kept])]
-    kept = kept[tidy.first_of_each(faults, path.name, stamp[kept])]
+    kept = kept[cleaning.usable(faults, path.name, np.ones(len(kept), np.bool_), values[kept])]
+    kept = kept[cleaning.sorted_rows(faults, path.name, stamp[kept])]
+    kept = kept[cleaning.first_of_each(faults, path.name, stamp[kept])]
     if len(kept) == 0:
         raise LogError(f"{path}: no row with a time and {len(names)} number(s)")
     return Table(stamp[kept], dict(zip(names, values[kept].T, strict=True)))

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from clt.core.recording import Poses, Ranges, Team
 from clt.log.faults import Faults
 from clt.metrics.associate import interpolate
-from clt.streams import Poses, Ranges, Team
 
 FAR = 1.5
 """No radio is off by so much in the median, m."""

@@ -23,8 +23,18 @@ from typing import Any
 
 import numpy as np
 
-from clt.errors import LogError
-from clt.streams import WORLD, Floats, Odometry, Poses, Ranges, Recording, Robot, Stamps, Team
+from clt.core.errors import LogError
+from clt.core.recording import (
+    WORLD,
+    Floats,
+    Odometry,
+    Poses,
+    Ranges,
+    Recording,
+    Robot,
+    Stamps,
+    Team,
+)
 
 MAT = "data190313.mat"
 SURVEY = "Data1.txt"

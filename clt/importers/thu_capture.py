@@ -21,9 +21,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.errors import LogError
+from clt.core.errors import LogError
+from clt.core.recording import Odometry, Ranges, Recording, Robot, Stamps, Team
 from clt.log.faults import Faults
-from clt.streams import Odometry, Ranges, Recording, Robot, Stamps, Team
 
 GZIP = b"\x1f\x8b"
 MARK, END = b"\xa5\x5a", 0xDD

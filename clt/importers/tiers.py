@@ -27,14 +27,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.errors import LogError
+from clt.core.errors import LogError
+from clt.core.recording import Poses, Ranges, Recording, Robot, Team
 from clt.importers.ends import check_ends
-from clt.log import convert, ranging
-from clt.log.bag import bag_of
 from clt.log.faults import Faults
-from clt.log.reader import Log, read
-from clt.log.roles import RangeStream, Stream, natural
-from clt.streams import Poses, Ranges, Recording, Robot, Team
+from clt.log.mcap.bag import bag_of
+from clt.log.recording import convert, ranging
+from clt.log.recording.reader import Log, read
+from clt.log.recording.roles import RangeStream, Stream, natural
 
 ODOMETRY = re.compile(r"/(?P<name>turtle(?:bot)?(?P<number>\d+))/odom", re.ASCII)
 TRUTH = re.compile(

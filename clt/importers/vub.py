@@ -21,11 +21,11 @@ from pathlib import Path
 
 import numpy as np
 
-from clt.errors import LogError
-from clt.geometry import heading_of_quaternion, wrap
+from clt.core.errors import LogError
+from clt.core.geometry import heading_of_quaternion, wrap
+from clt.core.recording import WORLD, Floats, Odometry, Poses, Ranges, Recording, Robot, Team
 from clt.importers.csvfile import Table, read_table
 from clt.log.faults import Faults
-from clt.streams import WORLD, Floats, Odometry, Poses, Ranges, Recording, Robot, Team
 
 FILE = re.compile(
     r"(?P<run>[A-Za-z0-9]+)_(?:uwb|(?P<robot>tb(?P<id>\d+))_(?P<kind>vio|vicon))\.csv(?:\.gz)?"

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from clt.printable import name as shown
-from clt.streams import Fault
+from clt.core.printable import name as shown
+from clt.core.recording import Fault
 
 NAMED = 3
 """As many faults of one kind are told one by one."""

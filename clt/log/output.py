@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from clt.errors import CltError, UsageError
+from clt.core.errors import CltError, UsageError
 from clt.log.unfinished import unfinished
 
 STDOUT = Path("-")

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from clt.errors import CltError
+from clt.core.errors import CltError
 
 if sys.platform != "win32":
     import fcntl

@@ -12,9 +12,9 @@ from typing import Literal
 
 import numpy as np
 
-from clt.errors import CltError
-from clt.geometry import rotation, wrap
-from clt.streams import Floats
+from clt.core.errors import CltError
+from clt.core.geometry import rotation, wrap
+from clt.core.recording import Floats
 
 Align = Literal["none", "first", "anchors", "se2", "se2-per-robot"]
 

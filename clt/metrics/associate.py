@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from clt.geometry import wrap
-from clt.streams import Floats, Indices, Poses, Stamps
+from clt.core.geometry import wrap
+from clt.core.recording import Floats, Indices, Poses, Stamps
 
 Association = Literal["interpolate", "nearest"]
 SECOND = 1_000_000_000

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
+from clt.core.recording import Floats
 from clt.metrics.associate import Matched
-from clt.streams import Floats
 
 DIMENSION = 3
 SINGULAR = 1e-10

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from clt.core.recording import Poses, Team
 from clt.metrics.evaluation import Side
 from clt.metrics.tracks import ego_of
 from clt.metrics.warned import Warned
-from clt.streams import Poses, Team
 
 LITTLE = 0.9
 """A matched share under this is a warning."""

@@ -8,10 +8,10 @@ from typing import Literal
 
 import numpy as np
 
-from clt.errors import UsageError
-from clt.geometry import relative_pose, wrap
+from clt.core.errors import UsageError
+from clt.core.geometry import relative_pose, wrap
+from clt.core.recording import Floats, Indices
 from clt.metrics.associate import SECOND, Matched
-from clt.streams import Floats, Indices
 
 LONGEST = 1e9
 """Of a delta, s or m."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from clt.errors import CltError
+from clt.core.errors import CltError
+from clt.core.recording import Poses, Recording, Team
 from clt.metrics.align import Align, Transform
 from clt.metrics.associate import Matched, associate
 from clt.metrics.doubts import diverged, doubts, missing
@@ -16,7 +17,6 @@ from clt.metrics.register import Scene, choose, mirrors, register
 from clt.metrics.scores import score
 from clt.metrics.tracks import check_frames, clean, frame_of, in_frame
 from clt.metrics.warned import Warned
-from clt.streams import Poses, Recording, Team
 
 
 def evaluate(recording: Recording, options: EvaluateOptions | None = None) -> Evaluation:

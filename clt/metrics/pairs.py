@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
+from clt.core.recording import Indices, Innovations, Team
 from clt.metrics.residuals import (
     PairResiduals,
     nis_score,
@@ -15,7 +16,6 @@ from clt.metrics.residuals import (
     pair_residuals,
     repeat_score,
 )
-from clt.streams import Indices, Innovations, Team
 
 BY_CHANCE = 1e-3
 """Probability that a filter which knows its sensors shows anything significant in a log."""

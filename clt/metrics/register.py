@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clt.errors import CltError, UsageError
+from clt.core.errors import CltError, UsageError
+from clt.core.recording import Floats, Poses, Team
 from clt.metrics.align import Align, Transform, first, fit, flipped, mirrored
 from clt.metrics.associate import Matched
 from clt.metrics.warned import Warned
-from clt.streams import Floats, Poses, Team
 
 FEW = 10
 """With fewer matched poses, chance alone may favour the mirror image."""

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.streams import Floats, Indices
+from clt.core.recording import Floats, Indices
 
 LEAST = 8
 """Fewer ranges of a pair than this show nothing."""

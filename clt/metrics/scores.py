@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from clt.core.recording import Floats
 from clt.metrics.associate import Matched
 from clt.metrics.consistency import inside_three_sigma, interval, nees
 from clt.metrics.errors import (
@@ -18,7 +19,6 @@ from clt.metrics.errors import (
     relative_errors,
     statistics,
 )
-from clt.streams import Floats
 
 
 @dataclass(frozen=True)

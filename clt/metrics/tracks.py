@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.errors import CltError
-from clt.geometry import relative_pose, unknown_heading
+from clt.core.errors import CltError
+from clt.core.geometry import relative_pose, unknown_heading
+from clt.core.recording import Poses, Team
 from clt.metrics.associate import as_array, interpolate
 from clt.metrics.warned import Warned
-from clt.streams import Poses, Team
 
 BODY = "/base_link"
 

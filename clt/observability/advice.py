@@ -6,13 +6,13 @@ from collections.abc import Collection
 
 import numpy as np
 
-from clt.errors import CltError
-from clt.observability.analysis import Analysis, analyse
-from clt.observability.codistribution import Motion
-from clt.observability.reference import has_motion, measured, positions_told
-from clt.observability.setup import Node, Setup
-from clt.observability.track import twist, twist_of
-from clt.streams import Floats, Indices, Ranges, Recording
+from clt.core.errors import CltError
+from clt.core.recording import Floats, Indices, Ranges, Recording
+from clt.observability.exact.analysis import Analysis, analyse
+from clt.observability.exact.codistribution import Motion
+from clt.observability.exact.setup import Node, Setup
+from clt.observability.windows.reference import has_motion, measured, positions_told
+from clt.observability.windows.track import twist, twist_of
 
 SPEED, TURN = 0.02, 0.01
 """Below these root mean squares a robot neither drives nor turns, m/s and rad/s."""

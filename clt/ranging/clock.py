@@ -17,11 +17,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.filters.kept import Kept
+from clt.core.recording import Floats, Indices
+from clt.jit.kept import Kept
 from clt.ranging.measured import Measured
 from clt.ranging.states import Filters
 from clt.ranging.unwrap import Network
-from clt.streams import Floats, Indices
 
 SWEEP = Kept("clt.ranging.sweep", "sweep")
 

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from clt.core.recording import Floats, Indices
+from clt.core.ticks import SPEED, TICK
 from clt.ranging.measured import Measured
 from clt.ranging.unwrap import Network
-from clt.streams import Floats, Indices
-from clt.ticks import SPEED, TICK
 
 JUMP = 1e-6
 """A skew further than this from its neighbours' is a clock that jumped, not one that wanders."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from clt.streams import Indices, Stamps
+from clt.core.recording import Indices, Stamps
 
 MEMORY = 256
 """So many packets of each robot are kept in mind for receptions told later."""

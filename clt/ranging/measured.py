@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from clt.streams import Floats, Indices
+from clt.core.recording import Floats, Indices
 
 
 class Measured(NamedTuple):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from clt.core.recording import Floats, Stamps
+from clt.core.ticks import TICK
 from clt.ranging.unwrap import Network
-from clt.streams import Floats, Stamps
-from clt.ticks import TICK
 
 USUAL = 150e-12
 """Of a receive stamp, s, where packets come too seldom to tell."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from clt.core.recording import Frames, Odometry, Stamps
 from clt.ranging.timebase import earlier
 from clt.ranging.unwrap import Network, before
-from clt.streams import Frames, Odometry, Stamps
 
 
 def odometry(frames: Frames, network: Network, times: Stamps, robot: int) -> Odometry | None:

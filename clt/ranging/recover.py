@@ -8,7 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from clt.errors import CltError
+from clt.core.errors import CltError
+from clt.core.recording import Floats, Frames, Indices, Ranges, Recording, Stamps, Team, no_frames
+from clt.core.ticks import SPEED
 from clt.ranging import clock, double_sided
 from clt.ranging.measured import Measured
 from clt.ranging.noise import correlation_time, period, stamp_variance
@@ -17,8 +19,6 @@ from clt.ranging.smooth import smooth
 from clt.ranging.states import MOTION, SKEW_WALK
 from clt.ranging.timebase import departures, earlier
 from clt.ranging.unwrap import Network, unwrap
-from clt.streams import Floats, Frames, Indices, Ranges, Recording, Stamps, Team, no_frames
-from clt.ticks import SPEED
 
 Method = Literal["auto", "clock", "double-sided"]
 METHODS: tuple[Method, ...] = ("auto", "clock", "double-sided")

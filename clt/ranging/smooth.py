@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from clt.core.recording import Floats, Ranges
 from clt.ranging.noise import correlation_time
-from clt.streams import Floats, Ranges
 
 
 def smooth(ranges: Ranges, robots: int, length: int, tau: float) -> tuple[Ranges, float]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.filters.compiled import lean
+from clt.core.recording import Floats, Indices
+from clt.core.ticks import SPEED, TICK
+from clt.jit.compiled import lean
 from clt.ranging.measured import Measured
 from clt.ranging.states import (
     GATE,
@@ -18,8 +20,6 @@ from clt.ranging.states import (
     Filters,
 )
 from clt.ranging.unwrap import Network
-from clt.streams import Floats, Indices
-from clt.ticks import SPEED, TICK
 
 
 @lean

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.streams import Floats, Indices, Stamps
-from clt.ticks import HZ
+from clt.core.recording import Floats, Indices, Stamps
+from clt.core.ticks import HZ
 
 BLOCK = 5e9
 """Packets of so many ns are averaged; between the averages time runs straight."""

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.filters.kept import Kept
+from clt.core.recording import Frames, Indices, Stamps
+from clt.core.ticks import HZ, SPAN, difference
+from clt.jit.kept import Kept
 from clt.ranging.link import MEMORY
-from clt.streams import Frames, Indices, Stamps
-from clt.ticks import HZ, SPAN, difference
 
 LINK = Kept("clt.ranging.link", "link")
 

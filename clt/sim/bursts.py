@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from clt.core.recording import Floats, Stamps
 from clt.sim.sensors import SECOND
 from clt.sim.settings import Outliers
-from clt.streams import Floats, Stamps
 
 
 def excess(outliers: Outliers, stamps: Stamps, draw: np.random.Generator) -> Floats:

@@ -13,9 +13,9 @@ from math import sqrt
 
 import numpy as np
 
+from clt.core.recording import Floats, Indices
+from clt.core.ticks import GRID, HZ, SPAN
 from clt.sim.settings import Oscillator
-from clt.streams import Floats, Indices
-from clt.ticks import GRID, HZ, SPAN
 
 KNOT = HZ // 100
 """Ticks between two knots of a phase, 10 ms."""

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from clt.settings import Settings
+from clt.core.settings import Settings
 from clt.sim.values import NonNegative, Number, Positive, off
 
 

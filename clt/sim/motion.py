@@ -8,6 +8,7 @@ from itertools import islice
 
 import numpy as np
 
+from clt.core.trig import cos_sin
 from clt.sim.drives import Circle, Segments, Sequence, Stand, Wander
 from clt.sim.rng import Purpose, stream
 from clt.sim.scenario import Scenario
@@ -16,7 +17,6 @@ from clt.sim.team import Member
 from clt.sim.trajectory import Floats, Path, drive, refined
 from clt.sim.values import Pose
 from clt.sim.wander import wander
-from clt.trig import cos_sin
 
 TRIES = 10_000
 """Starts that are tried for a sequence before the area is called too small."""

@@ -8,6 +8,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from clt.core.recording import Floats, Frames, Indices, Odometry, Stamps
+from clt.core.ticks import HZ, SPEED
 from clt.sim.bursts import excess
 from clt.sim.clock import Clock, oscillate, wrapped
 from clt.sim.radio import Departures, arrivals, depart, schedule, since_own_packet
@@ -16,8 +18,6 @@ from clt.sim.rng import Purpose, stream
 from clt.sim.scene import Scene, pair_key
 from clt.sim.settings import Radio
 from clt.sim.transport import EPOCH, robot_key, transport
-from clt.streams import Floats, Frames, Indices, Odometry, Stamps
-from clt.ticks import HZ, SPEED
 
 SECOND = 1_000_000_000
 

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.errors import UsageError
+from clt.core.errors import UsageError
+from clt.core.recording import Floats, Indices, Stamps
+from clt.core.ticks import HZ, SPEED
 from clt.sim.clock import Clock, wrapped
 from clt.sim.settings import Radio
-from clt.streams import Floats, Indices, Stamps
-from clt.ticks import HZ, SPEED
 
 MOST_ROBOTS = 17
 """A packet tells of at most 16 neighbours."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from clt.core.recording import Floats, Indices, Ranges, Stamps, no_ranges
 from clt.sim.bursts import excess
 from clt.sim.ranging import Pair, antenna, distance
 from clt.sim.rng import Purpose, stream
 from clt.sim.scene import Scene, pair_key
 from clt.sim.sensors import DECIMALS, sampling
 from clt.sim.transport import stamped, transport
-from clt.streams import Floats, Indices, Ranges, Stamps, no_ranges
 
 
 def ranges(scene: Scene) -> Ranges:

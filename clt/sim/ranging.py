@@ -7,12 +7,12 @@ from itertools import combinations
 
 import numpy as np
 
-from clt.errors import UsageError
-from clt.settings import nearest
+from clt.core.errors import UsageError
+from clt.core.recording import Floats, Team
+from clt.core.settings import nearest
+from clt.core.trig import cos_sin
 from clt.sim.settings import RangeSensor
 from clt.sim.trajectory import State
-from clt.streams import Floats, Team
-from clt.trig import cos_sin
 
 Pair = tuple[int, int]
 

@@ -10,9 +10,9 @@ from typing import Annotated, Any, Self
 import tomli_w
 from pydantic import Field, model_validator
 
-from clt.document import Document
-from clt.errors import UsageError
-from clt.settings import Settings, assign, nearest, parse, read_toml
+from clt.core.document import Document
+from clt.core.errors import UsageError
+from clt.core.settings import Settings, assign, nearest, parse, read_toml
 from clt.sim.drives import Trajectory, Wander
 from clt.sim.settings import (
     Communication,
@@ -25,7 +25,7 @@ from clt.sim.settings import (
 )
 from clt.sim.values import off
 
-BUILT_IN = resources.files("clt.scenarios")
+BUILT_IN = resources.files("clt.sim.scenarios")
 
 
 class Scenario(Settings):

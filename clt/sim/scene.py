@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from clt.core.recording import Stamps, Team
 from clt.sim.ranging import Pair
 from clt.sim.scenario import Scenario
 from clt.sim.sensors import SECOND
@@ -14,7 +15,6 @@ from clt.sim.settings import Network
 from clt.sim.team import Member
 from clt.sim.trajectory import Path, State, at
 from clt.sim.transport import robot_key
-from clt.streams import Stamps, Team
 
 
 @dataclass(frozen=True)

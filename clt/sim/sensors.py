@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.geometry import wrap
+from clt.core.geometry import wrap
+from clt.core.recording import Floats, Stamps
 from clt.sim.settings import TruthSensor
 from clt.sim.trajectory import State
-from clt.streams import Floats, Stamps
 
 DECIMALS = 9
 SECOND = 1e9

@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from clt.errors import UsageError
+from clt.core.errors import UsageError
+from clt.core.recording import Floats
 from clt.sim.drives import Circle, Phase, Sequence
 from clt.sim.trajectory import STEP, Path, at, drive, refined
 from clt.sim.values import Area, Pose
-from clt.streams import Floats
 
 Twists = tuple[Floats, Floats, Floats]
 """Knots of a drive: t (s, from 0), v (m/s), omega (rad/s)."""

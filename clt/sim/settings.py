@@ -6,7 +6,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from clt.settings import Settings
+from clt.core.recording import Twist
+from clt.core.settings import Settings
 from clt.sim.drives import Trajectory
 from clt.sim.values import (
     Area,
@@ -21,7 +22,6 @@ from clt.sim.values import (
     Share,
     off,
 )
-from clt.streams import Twist
 
 PairSet = Literal["all", "moving-static", "moving-moving"]
 Start = Literal["common", "random"]

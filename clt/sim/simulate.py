@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.errors import UsageError
+from clt.core.errors import UsageError
+from clt.core.recording import WORLD, Attachment, Poses, Recording, Team, no_frames, no_ranges
 from clt.sim.motion import paths
 from clt.sim.packets import packets
 from clt.sim.ranges import ranges
@@ -17,7 +18,6 @@ from clt.sim.settings import Gaps, Network, Noise, Outliers
 from clt.sim.team import Member, members, team_of
 from clt.sim.transport import EPOCH, check_recorder, robot_key
 from clt.sim.wheels import odometry
-from clt.streams import WORLD, Attachment, Poses, Recording, Team, no_frames, no_ranges
 
 MOST_MESSAGES = 50_000_000
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from itertools import count
 from math import inf, nan
 
+from clt.core.recording import Communication, Robot, Team
 from clt.sim.scenario import Scenario
 from clt.sim.settings import RobotTable
 from clt.sim.values import Area, Point
-from clt.streams import Communication, Robot, Team
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.trig import cos_sin
+from clt.core.trig import cos_sin
 
 Floats = NDArray[np.float64]
 

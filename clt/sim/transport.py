@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.errors import UsageError
-from clt.settings import nearest
+from clt.core.errors import UsageError
+from clt.core.recording import Stamps, Team
+from clt.core.settings import nearest
 from clt.sim.rng import Purpose, stream
 from clt.sim.scenario import Scenario
 from clt.sim.sensors import SECOND
 from clt.sim.team import Member
-from clt.streams import Stamps, Team
 
 EPOCH = 1_735_689_600_000_000_000
 """Start of every simulated log: 2025-01-01T00:00:00Z."""

@@ -11,11 +11,11 @@ from math import ceil, sqrt
 
 import numpy as np
 
-from clt.errors import UsageError
+from clt.core.errors import UsageError
+from clt.core.trig import cos_sin
 from clt.sim.drives import Wander
 from clt.sim.trajectory import STEP, Path, drive
 from clt.sim.values import Area, Pose
-from clt.trig import cos_sin
 
 Leg = tuple[float, float, float, float]
 """Goal x, y (m), share of the cruise speed, sine of the angle at which it spirals in."""
@@ -103,7 +103,7 @@ def _step(v: float, omega: float, new_v: float, new_omega: float) -> tuple[float
 
 
 def _turn(cos: float, sin: float, angle: float) -> tuple[float, float]:
-    """The direction (cos, sin) turned by a small angle (rad), by series: see clt.trig."""
+    """The direction (cos, sin) turned by a small angle (rad), by series: see clt.core.trig."""
     q = angle * angle
     c = 1.0 - q / 2.0 * (1.0 - q / 12.0 * (1.0 - q / 30.0 * (1.0 - q / 56.0)))
     s = angle * (1.0 - q / 6.0 * (1.0 - q / 20.0 * (1.0 - q / 42.0 * (1.0 - q / 72.0))))

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from clt.core.recording import Floats, Odometry, Stamps
 from clt.sim.bursts import bursts
 from clt.sim.rng import Purpose, stream
 from clt.sim.scenario import Scenario
@@ -16,7 +17,6 @@ from clt.sim.settings import OdometrySensor
 from clt.sim.team import Member
 from clt.sim.trajectory import Path, at
 from clt.sim.transport import robot_key, stamped, transport
-from clt.streams import Floats, Odometry, Stamps
 
 
 class Errors(NamedTuple):

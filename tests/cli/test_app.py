@@ -12,11 +12,19 @@ from typer.testing import CliRunner
 
 from clt.cli.app import COMMANDS, app
 from clt.cli.lazy import function
-from clt.filters import choices
-from clt.filters.world import FILTERPY, FILTERS
+from clt.estimation.estimators import FILTERPY, FILTERS
+from clt.model import choices
 
 FLAGS = ("--output", "-o", "--force", "--json", "--quiet", "-q", "--verbose", "-v", "--help", "-h")
-HEAVY = ("numpy", "pydantic", "numba", "matplotlib", "mcap", "clt.cli.demo", "clt.cli.localize")
+HEAVY = (
+    "numpy",
+    "pydantic",
+    "numba",
+    "matplotlib",
+    "mcap",
+    "clt.cli.commands.demo",
+    "clt.cli.commands.localize",
+)
 
 
 @pytest.fixture

@@ -11,11 +11,18 @@ import pytest
 from typer.testing import CliRunner
 
 from clt.cli.app import app
-from clt.log.excerpt import cut
-from clt.log.load import load
-from clt.log.save import save
+from clt.log.recording.clocks.excerpt import cut
+from clt.log.recording.load import load
+from clt.log.recording.save import save
 from tests.filters.teams import team_recording
-from tests.log.test_timeline import NOW, SECOND, by_clock, every_table, jumped, moved
+from tests.log.recording.clocks.test_timeline import (
+    NOW,
+    SECOND,
+    by_clock,
+    every_table,
+    jumped,
+    moved,
+)
 
 
 @pytest.fixture(scope="module")

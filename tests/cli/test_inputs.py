@@ -13,16 +13,16 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from clt.calibration import Calibration, apply
+from clt.calibration.apply import Calibration, apply
 from clt.cli.app import app
 from clt.cli.inputs import Inputs
-from clt.errors import CltError, LogError, UsageError
-from clt.log.load import load
-from clt.log.metadata import TEAM
-from clt.log.reader import read
-from clt.log.save import save
-from clt.settings import parse, read_toml
-from clt.streams import Attachment, Recording, Team
+from clt.core.errors import CltError, LogError, UsageError
+from clt.core.recording import Attachment, Recording, Team
+from clt.core.settings import parse, read_toml
+from clt.log.recording.load import load
+from clt.log.recording.metadata import TEAM
+from clt.log.recording.reader import read
+from clt.log.recording.save import save
 
 SCENARIO = 'name = "mine"\nduration = 3\n[team]\nmoving = 2\nstatic = 2\n'
 POSE = "x = 6\ny = 6\nheading = 0\nsigma = [4, 4, 2]\n"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.geometry import wrap
-from clt.streams import Odometry, Poses, Ranges, Recording, Robot, Team
+from clt.core.geometry import wrap
+from clt.core.recording import Odometry, Poses, Ranges, Recording, Robot, Team
 
 FINE = 1000
 ANCHORS = ((0.0, 0.0), (12.0, 0.0))

@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from random import Random
 
-from clt.log.load import load
+from clt.log.recording.load import load
 from tests.fuzz.hostile import hostile
 from tests.fuzz.oracle import run
 

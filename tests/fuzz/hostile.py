@@ -11,11 +11,11 @@ from unittest.mock import patch
 
 import numpy as np
 
-from clt.errors import CltError
-from clt.log.save import save
+from clt.core.errors import CltError
+from clt.core.recording import Recording, Team
+from clt.log.recording.save import save
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
-from clt.streams import Recording, Team
 
 BASES = (
     ("shi-sim", {"team.moving": 2, "duration": 4.0}),
@@ -49,7 +49,7 @@ def hostile(rng: Random, honest: Recording | None = None) -> bytes:
         file = io.BytesIO()
         try:
             # The check would refuse to write most of it.
-            with patch("clt.log.channels._finite"), np.errstate(all="ignore"):
+            with patch("clt.log.recording.channels._finite"), np.errstate(all="ignore"):
                 save(file, changed, dict(changed.run) or {"command": "clt"})
         except (CltError, ValueError, OverflowError, IndexError):
             continue  # no log can hold that

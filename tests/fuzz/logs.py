@@ -21,12 +21,12 @@ from pathlib import Path
 
 import numpy as np
 
-from clt.document import Document
-from clt.errors import CltError
-from clt.log.load import load
-from clt.log.recover import recover
-from clt.log.scan import Scan
-from clt.log.summary import as_dict, summarize
+from clt.core.document import Document
+from clt.core.errors import CltError
+from clt.log.mcap.scan import Scan
+from clt.log.recording.load import load
+from clt.log.recording.recover import recover
+from clt.log.recording.summary import as_dict, summarize
 from tests.fuzz import mutate
 from tests.log.logs import (
     LZ4,

@@ -14,7 +14,7 @@ from typing import Any
 from typer.testing import CliRunner
 
 from clt.cli.app import app
-from clt.log.load import load
+from clt.log.recording.load import load
 
 SLOWEST = 10.0
 """Seconds of processor time that a command on a small log may take."""

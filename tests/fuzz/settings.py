@@ -13,11 +13,11 @@ import warnings
 from pathlib import Path
 from random import Random
 
-from clt.cli.localize import read_settings
-from clt.document import Document
-from clt.errors import UsageError
-from clt.filters.settings import FilterSettings
-from clt.settings import Settings, assignments, from_environment, known_keys
+from clt.cli.commands.localize import read_settings
+from clt.core.document import Document
+from clt.core.errors import UsageError
+from clt.core.settings import Settings, assignments, from_environment, known_keys
+from clt.model.settings import FilterSettings
 from clt.sim.scenario import Scenario, load_scenario
 from tests.fuzz.oracle import run
 

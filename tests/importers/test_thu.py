@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from clt.errors import LogError
+from clt.core.errors import LogError
+from clt.core.recording import Recording
 from clt.importers import FORMATS
 from clt.importers.thu import MAT, SURVEY, read_thu
-from clt.streams import Recording
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "thu_rcl_20190418"
 # Its other text is GBK; the words are "anchor" and "start".

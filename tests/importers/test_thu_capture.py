@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clt.errors import LogError
-from clt.filters.settings import FilterSettings
+from clt.core.errors import LogError
+from clt.core.recording import Recording
 from clt.importers import FORMATS
 from clt.importers.thu_capture import read_capture
-from clt.init.layout import lay_out
-from clt.init.motion import from_motion
-from clt.init.pairs import mean_distances
-from clt.streams import Recording
+from clt.initialization.motion.layout import lay_out
+from clt.initialization.motion.motion import from_motion
+from clt.initialization.pair_distances import mean_distances
+from clt.model.settings import FilterSettings
 
 DATA = Path(__file__).parents[3] / "shared" / "data" / "thu_rcl_20190418"
 REAL = DATA / "static_20190614_test.txt.gz"

@@ -11,15 +11,15 @@ import pytest
 from rosbags.typesys import Stores
 from typer.testing import CliRunner
 
-from clt.calibration import apply, read_calibration
+from clt.calibration.apply import apply, read_calibration
 from clt.cli.app import app
-from clt.errors import LogError
-from clt.geometry import wrap
+from clt.core.errors import LogError
+from clt.core.geometry import wrap
+from clt.core.recording import Recording
 from clt.importers import FORMATS
 from clt.importers.tiers import read_tiers
-from clt.log.load import load
+from clt.log.recording.load import load
 from clt.metrics.associate import interpolate
-from clt.streams import Recording
 from tests.importers.bags import SECOND, write_bag
 
 ROOT = Path(__file__).parents[2]

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clt.calibration import apply, read_calibration
-from clt.errors import LogError
-from clt.geometry import wrap
+from clt.calibration.apply import apply, read_calibration
+from clt.core.errors import LogError
+from clt.core.geometry import wrap
 from clt.importers import FORMATS
 from clt.importers.vub import files, read_vub
 

@@ -7,7 +7,7 @@ from io import BytesIO
 
 from mcap.writer import CompressionType, IndexType, Writer
 
-from clt.log.schemas import ros2msg
+from clt.log.cdr.schemas import ros2msg
 
 NONE, LZ4, ZSTD = CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD
 

@@ -1,4 +1,4 @@
-"""The columns of `clt.log.template` by the official decoder, message by message: the oracle."""
+"""The columns of `clt.log.cdr.batch_decoder` by the official decoder: the oracle."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from mcap.exceptions import McapError
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
-from clt.log.msgdef import Struct
-from clt.log.paths import Leaf, resolve
-from clt.log.table import Messages
-from clt.log.template import Column, Decoded
+from clt.log.cdr.batch_decoder import Column, Decoded
+from clt.log.cdr.msgdef import Struct
+from clt.log.cdr.paths import Leaf, resolve
+from clt.log.mcap.table import Messages
 
 FAILURES = (
     McapError,
@@ -32,7 +32,7 @@ FAILURES = (
 def decode(messages: Messages, struct: Struct, text: str, paths: Sequence[str]) -> Decoded:
     """The wanted fields of `messages`; `text` is the `ros2msg` schema that `struct` came from.
 
-    Raises PathError as `clt.log.template.decode` does.
+    Raises PathError as `clt.log.cdr.batch_decoder.decode` does.
     """
     leaves = {path: resolve(struct, path) for path in paths}
     steps = {path: _steps(path) for path in paths}

@@ -17,15 +17,15 @@ from mcap.writer import Writer
 from typer.testing import CliRunner
 
 from clt.cli.app import app
-from clt.errors import LogError
-from clt.log import chunk
-from clt.log.load import load
-from clt.log.packets import frame_channel
-from clt.log.records import MAGIC
-from clt.log.summary import as_dict, summarize
-from clt.log.write import write_log as write
-from clt.printable import name, printable
-from clt.streams import Frames, Robot, Team
+from clt.core.errors import LogError
+from clt.core.printable import name, printable
+from clt.core.recording import Frames, Robot, Team
+from clt.log.mcap import chunk
+from clt.log.mcap.records import MAGIC
+from clt.log.mcap.write import write_log as write
+from clt.log.recording.load import load
+from clt.log.recording.packets import frame_channel
+from clt.log.recording.summary import as_dict, summarize
 from tests.log.logs import odometry_message, pose_message, range_message, write_log
 
 SECOND = 10**9
@@ -138,7 +138,7 @@ def test_thousands_of_channels_before_their_schema(tmp_path):
 def test_a_zip_bomb_ends_early(tmp_path, monkeypatch):
     """Chunks beyond the limit are faults; what stands beside them is read."""
     monkeypatch.setattr(chunk, "FREE", 1 << 20)
-    monkeypatch.setattr("clt.log.frames.FREE", 1 << 20)
+    monkeypatch.setattr("clt.log.mcap.record_stream.FREE", 1 << 20)
     row = b"\x05" + (22 + 4096).to_bytes(8, "little") + bytes(22 + 4096)
     big = row * 128
     packed = zstandard.compress(big)
@@ -226,7 +226,7 @@ def test_a_command_says_when_memory_runs_out(tmp_path, monkeypatch):
     def gone(*_, **__):
         raise MemoryError
 
-    monkeypatch.setattr("clt.log.load.load", gone)
+    monkeypatch.setattr("clt.log.recording.load.load", gone)
     path = tmp_path / "log.mcap"
     path.write_bytes(b"")
     found = CliRunner().invoke(app, ["info", str(path)])
@@ -238,7 +238,7 @@ def test_a_command_says_when_memory_runs_out(tmp_path, monkeypatch):
 
 def test_packets_of_a_team_too_large(tmp_path, monkeypatch):
     """Receptions are a table of packets by robots; a team of thousands may ask for all memory."""
-    monkeypatch.setattr("clt.log.packets.ENTRIES", 100)
+    monkeypatch.setattr("clt.log.recording.packets.ENTRIES", 100)
     robots = [{"name": f"R{k}", "id": k} for k in range(1, 102)]
     team = Team(tuple(Robot(robot["name"], robot["id"]) for robot in robots))
     one, none = np.array([SECOND]), np.full((1, len(robots)), -1)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from clt.errors import CltError, UsageError
+from clt.core.errors import CltError, UsageError
 from clt.log.output import check, output, output_path
 
 FULL = Path("/dev/full")
@@ -149,7 +149,7 @@ def test_a_terminal_is_refused(monkeypatch):
 
 PROGRAM = """
 from pathlib import Path
-from clt.errors import CltError
+from clt.core.errors import CltError
 from clt.log.output import output
 import sys
 try:

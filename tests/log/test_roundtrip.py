@@ -10,11 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clt.geometry import wrap
-from clt.log.load import load
-from clt.log.output import output
-from clt.log.save import save
-from clt.streams import (
+from clt.core.geometry import wrap
+from clt.core.recording import (
     Attachment,
     Frames,
     Innovations,
@@ -25,6 +22,9 @@ from clt.streams import (
     Robot,
     Team,
 )
+from clt.log.output import output
+from clt.log.recording.load import load
+from clt.log.recording.save import save
 
 TEAM = Team(
     (

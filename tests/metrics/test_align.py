@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clt.errors import CltError
+from clt.core.errors import CltError
 from clt.metrics.align import FLIP, Transform, first, fit, mirrored, residual
 
 metres = st.floats(-100.0, 100.0)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from clt.core.recording import Poses
 from clt.metrics.associate import associate, interpolate, nearest
-from clt.streams import Poses
 
 MS = 1_000_000
 EPOCH = 1_700_000_000_000_000_000

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from clt.core.recording import Innovations, Robot, Team
 from clt.metrics.associate import Matched
 from clt.metrics.consistency import (
     independent,
@@ -13,7 +14,6 @@ from clt.metrics.consistency import (
     regular,
 )
 from clt.metrics.pairs import all_nis, pair_nis
-from clt.streams import Innovations, Robot, Team
 
 P = np.array([[0.04, 0.01, 0.001], [0.01, 0.09, 0.002], [0.001, 0.002, 0.0004]])
 

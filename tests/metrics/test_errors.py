@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clt.errors import UsageError
+from clt.core.errors import UsageError
 from clt.metrics.associate import Matched
 from clt.metrics.errors import Delta, heading_errors, parse_delta, relative_errors, statistics
 

@@ -8,14 +8,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from clt.errors import CltError, UsageError
-from clt.geometry import ANY_HEADING, relative_pose, wrap
+from clt.core.errors import CltError, UsageError
+from clt.core.geometry import ANY_HEADING, relative_pose, wrap
+from clt.core.recording import Poses
 from clt.metrics.align import Transform
 from clt.metrics.errors import Delta
 from clt.metrics.evaluate import evaluate
 from clt.metrics.evaluation import EvaluateOptions
 from clt.metrics.tracks import select
-from clt.streams import Poses
 
 SIGMA = np.array([0.05, 0.03, 0.02])
 SE2 = EvaluateOptions(align="se2")

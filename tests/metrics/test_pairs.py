@@ -6,9 +6,9 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
+from clt.core.recording import Innovations, Robot, Team
 from clt.metrics.pairs import all_nis, pair_nis
 from clt.metrics.residuals import pair_residuals
-from clt.streams import Innovations, Robot, Team
 
 TEAM = Team((Robot("A", 1), Robot("B", 2), Robot("C", 3)))
 

@@ -10,15 +10,15 @@ import pytest
 from typer.testing import CliRunner
 
 from clt.cli.app import app
-from clt.errors import CltError
-from clt.log.load import load
-from clt.log.save import save
+from clt.core.errors import CltError
+from clt.core.recording import Innovations, Poses, Recording, Robot, Team
+from clt.log.recording.load import load
+from clt.log.recording.save import save
 from clt.metrics.align import flipped
 from clt.metrics.evaluate import evaluate
 from clt.metrics.evaluation import EvaluateOptions
 from clt.metrics.tracks import select
-from clt.plots.figure import compose
-from clt.streams import Innovations, Poses, Recording, Robot, Team
+from clt.report.figures.figure import compose
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clt.observability.advice import advise, motion_of, setup_of
-from clt.observability.codistribution import Motion
+from clt.observability.exact.codistribution import Motion
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
 

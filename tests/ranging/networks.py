@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from clt.core.ticks import HZ, SPAN
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
-from clt.ticks import HZ, SPAN
 
 
 def network(duration=20.0, **keys):

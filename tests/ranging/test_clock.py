@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from clt.core.ticks import SPEED, TICK
 from clt.ranging.recover import recover
-from clt.ticks import SPEED, TICK
 from tests.ranging.networks import errors, jumped, late, network, settled
 
 QUIET = {

@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clt.errors import CltError
+from clt.core.errors import CltError
+from clt.core.recording import Ranges, Recording
 from clt.ranging.recover import GRAIN, recover
 from clt.ranging.smooth import smooth, variances
-from clt.streams import Ranges, Recording
 from tests.ranging.networks import errors, network, settled
 
 

@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from clt.core.recording import Frames
+from clt.core.ticks import HZ, SPAN, difference
 from clt.ranging.unwrap import before, endless, unwrap
-from clt.streams import Frames
-from clt.ticks import HZ, SPAN, difference
 
 ticks = st.integers(0, SPAN - 1)
 ahead = st.integers(-SPAN // 2, SPAN // 2 - 1)

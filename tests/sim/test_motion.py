@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from clt.errors import UsageError
+from clt.core.errors import UsageError
 from clt.sim.motion import paths
 from clt.sim.scenario import load_scenario
 from clt.sim.team import members

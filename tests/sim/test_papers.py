@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from clt.geometry import relative_pose
+from clt.core.geometry import relative_pose
 from clt.sim.motion import paths
 from clt.sim.scenario import built_in, load_scenario
 from clt.sim.simulate import exact, simulate

@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from clt.errors import UsageError
+from clt.core.errors import UsageError
+from clt.core.recording import Frames
+from clt.core.ticks import GRID, HZ, SPAN
 from clt.ranging.recover import recover
 from clt.sim.clock import KNOT, oscillate
 from clt.sim.scenario import load_scenario
 from clt.sim.settings import Oscillator
 from clt.sim.simulate import EPOCH, exact, simulate
-from clt.streams import Frames
-from clt.ticks import GRID, HZ, SPAN
 
 
 def frames(**keys):

@@ -1,7 +1,7 @@
 import pytest
 
-from clt.errors import UsageError
-from clt.settings import known_keys, literal
+from clt.core.errors import UsageError
+from clt.core.settings import known_keys, literal
 from clt.sim.scenario import Scenario, built_in, effective_toml, load_scenario
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from clt.geometry import wrap
+from clt.core.geometry import wrap
 from clt.sim.scenario import load_scenario
 from clt.sim.sensors import sampling
 from clt.sim.simulate import exact, simulate

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clt.errors import UsageError
+from clt.core.errors import UsageError
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import exact, simulate
 

@@ -9,7 +9,7 @@ import typer
 from clt.cli.options import Force, Json, Quiet, Report, Verbose
 
 if TYPE_CHECKING:
-    from clt.settings_table import Key
+    from clt.core.settings_table import Key
 
 
 def settings(
@@ -54,12 +54,12 @@ def settings(
 
 def chosen(key: str | None, of: str) -> list[Key]:
     """The keys of a command that are `key` or below it. Raises UsageError naming the nearest."""
-    from clt.errors import UsageError
-    from clt.filters.settings import FilterSettings
-    from clt.settings import nearest
-    from clt.settings_table import keys_of
+    from clt.core.errors import UsageError
+    from clt.core.settings import nearest
+    from clt.core.settings_table import keys_of
+    from clt.core.validation import short
+    from clt.model.settings import FilterSettings
     from clt.sim.scenario import Scenario
-    from clt.validation import short
 
     every = keys_of(Scenario if of == "simulate" else FilterSettings)
     if key is None:

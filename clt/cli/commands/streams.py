@@ -23,9 +23,9 @@ def streams(
 
     from clt.cli.console import Console
     from clt.cli.inputs import Inputs
-    from clt.cli.topics import described
-    from clt.log.foreign import draft_for
+    from clt.cli.reports.topics import described
     from clt.log.output import STDOUT
+    from clt.log.recording.mapping.foreign import draft_for
 
     console = Console(quiet, verbose)
     inputs = Inputs.of(log)

@@ -1,0 +1,279 @@
+"""`clt localize`: initialize and filter a log; the result is a log again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from clt.cli.options import Force, Json, Log, Output, Quiet, Set, Verbose
+from clt.cli.period import From, To
+
+if TYPE_CHECKING:
+    from clt.cli.console import Console
+    from clt.core.document import Document
+    from clt.core.recording import Communication, Recording
+    from clt.core.start import Start
+    from clt.estimation.estimators import Estimator
+    from clt.estimation.pipeline import Result
+    from clt.model.choices import View
+    from clt.model.settings import FilterSettings
+
+WANTED = frozenset({"odometry", "ranges", "frames", "truth"})
+
+
+def localize(
+    log: Log,
+    output: Output,
+    filter_: Annotated[
+        str | None,
+        typer.Option(
+            "--filter",
+            help="eskf: error-state Kalman filter (Shi), the default in the world. ekf, ukf: "
+            "extended, unscented Kalman filter. mixture: a bank of Kalman filters that keeps every "
+            "pose still possible, the default in relative frames. pf: particle filter. dpf: one "
+            "for each robot, agreeing by consensus (Li).",
+        ),
+    ] = None,
+    frame: Annotated[
+        str,
+        typer.Option(
+            help="world: absolute poses. ego:NAME: the others as NAME sees them (Araki). "
+            "mutual:A,B: two robots, each as the other sees it (Freeman)."
+        ),
+    ] = "world",
+    engine: Annotated[
+        str, typer.Option(help="compiled, or filterpy to check ekf and ukf against.")
+    ] = "compiled",
+    init: Annotated[
+        str,
+        typer.Option(
+            help="motion: from the log's own ranges and odometry (Shi). pairwise: relative poses "
+            "from the ranges between pairs that drive (Li). truth: from the ground truth. A TOML "
+            "file: one table per robot with x, y, heading and optionally sigma. "
+            "auto: what the log records, else motion, or pairwise in the frame of a robot where "
+            "fewer than two robots stand still."
+        ),
+    ] = "auto",
+    config: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Settings (TOML), the keys of --set.")
+    ] = None,
+    sets: Set = [],  # noqa: B006 - typer copies it
+    calibration: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Calibration (TOML) to apply first.")
+    ] = None,
+    streams: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Roles of a foreign log's topics (TOML).")
+    ] = None,
+    as_received: Annotated[
+        bool,
+        typer.Option(
+            "--as-received", help="Replay what was known when, instead of sorting by stamp."
+        ),
+    ] = False,
+    scene: Annotated[bool, typer.Option(help="Add /tf and /clt/scene for 3D viewers.")] = True,
+    since: From = None,
+    until: To = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Estimate where every robot is, and how sure that is, from its ranges and odometry.
+
+    Examples:
+      clt localize log.mcap -o out.mcap
+      clt localize log.mcap -o out.mcap --init poses.toml --set noise.sigma_range=0.1
+      clt localize log.mcap -o out.mcap --frame ego:R1 --init truth
+    """
+    from time import perf_counter
+
+    from clt.cli.console import Console
+    from clt.cli.inputs import Inputs
+    from clt.cli.period import period_of, usable
+    from clt.core.errors import UsageError
+    from clt.log.output import STDOUT
+
+    console = Console(quiet, verbose)
+    chosen, view = chosen_of(filter_, frame, engine)
+    if as_json and output == STDOUT:
+        raise UsageError("--json and -o - both want standard output; name a file")
+    period = period_of(since, until)
+    poses = poses_file(init)
+    inputs = Inputs.of(log, config=config, calibration=calibration, streams=streams, poses=poses)
+    inputs.check(output, force)
+    settings = read_settings(inputs["config"], sets)
+
+    # Slow to import: what stands above is refused at once.
+    from clt.calibration.apply import apply, read_calibration
+    from clt.cli.initial import start_for
+    from clt.cli.reports.localize_report import describe, tell
+    from clt.estimation.estimators import KEEP_ALL, Estimator
+    from clt.log.recording.load import load
+    from clt.log.recording.save import save
+    from clt.model.problem import require_robots
+    from clt.observability.advice import advise
+
+    estimator = Estimator(chosen, view, engine)
+    clock = [perf_counter()]
+    loaded = load(log, inputs["streams"], WANTED)
+    recording = usable(loaded, period, console)
+    settings = read_settings(inputs["config"], sets, recording.team.communication)
+    recording = with_ranges(recording, console)
+    if (document := inputs["calibration"]) is not None:
+        recording = apply(recording, read_calibration(document))
+    require_data(recording, str(log))
+    require_robots(estimator.view, recording.team.names)
+    clock.append(perf_counter())
+    ego = next(iter(estimator.view.names), None)
+    kept = estimator.filter in KEEP_ALL
+    start = start_for(recording, inputs["poses"] or init, settings, console, ego, kept=kept)
+    for line in advise(recording, start.poses, frame):
+        console.warn(line)
+    clock.append(perf_counter())
+    result = run_filter(recording, start, settings, estimator, as_received, console)
+    clock.append(perf_counter())
+
+    timings = {
+        name: later - earlier
+        for name, earlier, later in zip(
+            ("read_s", "init_s", "filter_s"), clock[:-1], clock[1:], strict=True
+        )
+    }
+    choices = {"filter": estimator.filter, "frame": frame, "engine": engine, "init": init}
+    choices["order"] = "as received" if as_received else "by stamp"
+    digests = inputs.digests({str(log): loaded.sha256})
+    run = describe(digests, choices, settings, result, timings, console)
+    with inputs.output(output, force) as file:
+        save(file, inputs.attach(result.recording), run, scene=scene)
+    tell(console, result, output, choices, timings, as_json)
+    return console.code
+
+
+def chosen_of(filter_: str | None, frame: str, engine: str) -> tuple[str, View]:
+    """The filter and the frame that options choose. Raises UsageError for what does not exist."""
+    from clt.core.errors import UsageError
+    from clt.model.choices import ENGINES, NAMES, THROUGH_FILTERPY, parse_view
+
+    view = parse_view(frame)
+    chosen = filter_ or ("eskf" if view.kind == "world" else "mixture")
+    choose("--filter", chosen, NAMES)
+    choose("--engine", engine, ENGINES)
+    if chosen == "dpf" and view.kind == "world":
+        raise UsageError("--filter dpf estimates relative poses: use --frame ego:NAME")
+    if engine == "filterpy" and chosen not in THROUGH_FILTERPY:
+        has = ", ".join(THROUGH_FILTERPY)
+        raise UsageError(f"--engine filterpy has no {chosen}; it has {has}")
+    return chosen, view
+
+
+def choose(option: str, value: str, known: tuple[str, ...]) -> None:
+    """Refuse a value that an option does not have. Raises UsageError naming the nearest."""
+    from clt.core.errors import UsageError
+    from clt.core.settings import nearest
+
+    if value not in known:
+        raise UsageError(f"{option} {value}: unknown{nearest(value, known)}")
+
+
+def poses_file(init: str) -> Path | None:
+    """The file that `--init` names. Raises UsageError where it is neither that nor a method."""
+    from clt.cli.options import METHODS
+    from clt.core.errors import UsageError
+    from clt.core.settings import nearest
+
+    if init in METHODS:
+        return None
+    if not Path(init).exists():
+        raise UsageError(f"--init {init}: no such method or file{nearest(init, METHODS)}")
+    return Path(init)
+
+
+def read_settings(
+    config: Path | Document | None, sets: list[str], told: Communication | None = None
+) -> FilterSettings:
+    """Settings by precedence: defaults < what the log has told < file < environment < --set."""
+    from clt.core.settings import assign, assignments, from_environment, parse, read_toml
+    from clt.model.settings import FilterSettings
+
+    tree = {} if config is None else read_toml(config)
+    tree = parse(FilterSettings, tree, str(config)).model_dump(exclude_unset=True)
+    if told is not None:
+        tree["dpf"] = network_of(told) | tree.get("dpf", {})
+        tree = parse(FilterSettings, tree, "the log's clt.team").model_dump(exclude_unset=True)
+    for key, value in from_environment(FilterSettings).items():
+        assign(tree, key, value)
+    tree = parse(FilterSettings, tree, "environment").model_dump(exclude_unset=True)
+    for key, value in assignments(sets).items():
+        assign(tree, key, value)
+    return parse(FilterSettings, tree, "--set")
+
+
+def network_of(told: Communication) -> dict[str, object]:
+    """What a log tells of the network among its robots as keys of `dpf`."""
+    network: dict[str, object] = {
+        "graph": told.graph,
+        "interval": 1.0 / told.rate,
+        "loss": told.loss,
+        "delay": told.delay,
+    }
+    return network if told.reach == float("inf") else network | {"reach": told.reach}
+
+
+def with_ranges(recording: Recording, console: Console) -> Recording:
+    """The recording; a log of raw packets is ranged first, as `clt range` does."""
+    if recording.ranges.stamp.size > 0 or recording.frames.stamp.size == 0:
+        return recording
+    from clt.cli.reports.ranging_report import ranged
+
+    return ranged(recording, console)
+
+
+def require_data(recording: Recording, log: str, *, standing: bool = False) -> None:
+    """Raise CltError, naming the remedy, for a log that cannot be localized at all.
+
+    A team that is `standing` throughout needs no odometry.
+    """
+    from clt.core.errors import CltError
+
+    if len(recording.odometry) == 0 and len(recording.run.get("input_run", "")) > 0:
+        raise CltError(f"{log} is already a result, without odometry and ranges; give its input")
+    if len(recording.odometry) == 0 and not standing:
+        raise CltError(
+            f"{log}: no odometry found on /ROBOT/odom; name its topics with --streams FILE, "
+            "which `clt streams` drafts"
+        )
+    if recording.ranges.stamp.size == 0:
+        raise CltError(
+            f"{log}: no ranges found on /ROBOT/uwb/range; name their topics with --streams FILE, "
+            "which `clt streams` drafts"
+        )
+
+
+def run_filter(
+    recording: Recording,
+    start: Start,
+    settings: FilterSettings,
+    estimator: Estimator,
+    as_received: bool,
+    console: Console,
+) -> Result:
+    """Filter, and say what went wrong."""
+    from clt.cli.compiling import announced
+    from clt.core.errors import CltError
+    from clt.estimation.pipeline import estimate
+
+    with announced(console):
+        result = estimate(recording, start, settings, estimator, as_received=as_received)
+    for line in result.posterior.remarks:
+        console.say(line)
+    for line in result.posterior.warnings:
+        console.warn(line)
+    for line in result.posterior.left_out:
+        console.warn(line, partial=True)
+    for name in result.posterior.diverged:
+        console.warn(f"the estimate of {name} has diverged: its ranges contradict it", partial=True)
+    if len(result.recording.estimate) == 0:
+        raise CltError("no estimate is finite: check the noise settings and the initial poses")
+    return result

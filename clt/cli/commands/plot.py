@@ -1,0 +1,100 @@
+"""`clt plot`: the picture of one result log."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from clt.cli.commands.evaluate import Alignment
+from clt.cli.options import Force, Json, Log, Output, Quiet, Streams, Verbose
+
+if TYPE_CHECKING:
+    from clt.cli.console import Console
+    from clt.core.recording import Recording
+    from clt.metrics.align import Align
+    from clt.metrics.evaluation import Evaluation
+
+FORMS = (".png", ".svg", ".pdf", ".html")
+
+
+def plot(
+    log: Log,
+    output: Output,
+    align: Alignment = None,
+    streams: Streams = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Draw trajectories, errors with their 3-sigma bounds, and range innovations.
+
+    Without truth: estimates with their covariance, ranges and residuals by pair; of a log that is
+    not localized yet, its odometry, ranges and truth. The output's suffix chooses the format:
+    .png, .svg, .pdf or .html (one self-contained page).
+
+    Examples:
+      clt plot out.mcap -o out.png
+      clt plot out.mcap --align se2 -o out.html
+      clt plot log.mcap -o log.png
+    """
+    import json
+
+    from clt.cli.console import Console
+    from clt.cli.inputs import Inputs
+    from clt.core.errors import UsageError
+    from clt.log.output import STDOUT
+    from clt.log.recording.load import load
+
+    form = ".png" if output == STDOUT else output.suffix.lower()
+    if form not in FORMS:
+        raise UsageError(f"{output}: unknown kind of picture; use {', '.join(FORMS)}")
+    if as_json and output == STDOUT:
+        raise UsageError("--json and -o - both want standard output; name a file")
+    console = Console(quiet, verbose)
+    inputs = Inputs.of(log, streams=streams)
+    inputs.check(output, force)
+    recording = load(log, inputs["streams"]).recording
+    console.report(recording.faults)
+    evaluation = scored(recording, align, str(log), console)
+    with inputs.output(output, force) as file:
+        if form == ".html":
+            from clt.report.figures.page import page
+
+            file.write(page(str(log), recording, evaluation).encode())
+        else:
+            from clt.report.figures.figure import draw
+            from clt.report.figures.style import FORMS as KINDS
+
+            draw(file, KINDS[form], recording, evaluation)
+    how = None if evaluation is None else evaluation.align
+    if output != STDOUT:
+        console.say(f"{output}: {log}, " + ("not scored" if how is None else f"align {how}"))
+    if as_json:
+        print(json.dumps({"log": str(log), "output": str(output), "align": how}))
+    return console.code
+
+
+def scored(
+    recording: Recording, align: Align | None, log: str, console: Console
+) -> Evaluation | None:
+    """The figures of the estimates that have truth, if any has.
+
+    Raises CltError where an alignment was asked for and cannot be had.
+    """
+    from clt.core.errors import CltError
+    from clt.metrics.evaluate import evaluate
+    from clt.metrics.evaluation import EvaluateOptions
+
+    both = set(recording.truth) & set(recording.estimate)
+    if len(both) == 0 and align is None:
+        return None
+    try:
+        evaluation = evaluate(recording, EvaluateOptions(align))
+    except CltError as error:
+        if align is not None:
+            raise type(error)(f"{log}: {error}") from None
+        console.warn(f"{log}: {error}; drawn without errors")
+        return None
+    for warned in evaluation.warnings:
+        console.warn(f"{log}: {warned.text}", partial=warned.partial)
+    return evaluation

@@ -1,0 +1,102 @@
+"""`clt range`: raw UWB time stamps into clock parameters and ranges."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from clt.cli.options import Force, Json, Log, Output, Quiet, Verbose
+from clt.cli.period import From, To
+
+WANTED = frozenset({"odometry", "frames", "truth"})
+
+
+def range_log(
+    log: Log,
+    output: Output,
+    method: Annotated[
+        str,
+        typer.Option(
+            help="clock: Kalman clock filters (Shi), best for fast networks. double-sided: "
+            "asymmetric two-way ranging, best for slow ones. auto: the surer one."
+        ),
+    ] = "auto",
+    smooth: Annotated[
+        int,
+        typer.Option(
+            min=1, max=1000, metavar="N", help="Weighted mean of N ranges, as the paper does it."
+        ),
+    ] = 1,
+    noise: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PS",
+            help="Noise of receive stamps, ps. By default it is measured; 150 for "
+            "networks slower than 10 Hz.",
+        ),
+    ] = None,
+    since: From = None,
+    until: To = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Turn the packets of a UWB broadcast network into ranges, as each robot would.
+
+    Examples:
+      clt range raw.mcap -o ranges.mcap
+      clt range raw.mcap -o r.mcap --method clock --json
+    """
+    import json
+
+    from clt.cli.compiling import announced
+    from clt.cli.console import Console
+    from clt.cli.inputs import Inputs
+    from clt.cli.period import period_of, usable
+    from clt.cli.provenance import run_record
+    from clt.cli.reports.ranging_report import document, tell
+    from clt.core.errors import CltError, UsageError
+    from clt.log.output import STDOUT
+    from clt.log.recording.load import load
+    from clt.log.recording.save import save
+    from clt.ranging.recover import METHODS, recover
+
+    console = Console(quiet, verbose)
+    if method not in METHODS:
+        from clt.core.settings import nearest  # pydantic, slow to import
+
+        raise UsageError(f"--method {method}: unknown{nearest(method, METHODS)}")
+    if noise is not None and not 0.0 <= noise <= 1e6:
+        raise UsageError(f"--noise {noise:g}: give picoseconds, from 0 to a million")
+    if as_json and output == STDOUT:
+        raise UsageError("--json and -o - both want standard output; name a file")
+    period = period_of(since, until)
+    inputs = Inputs.of(log)
+    inputs.check(output, force)
+    loaded = load(log, want=WANTED)
+    recording = usable(loaded, period, console)
+    if recording.frames.stamp.size == 0:
+        raise CltError(
+            f"{loaded.path}: no UWB packets found on /ROBOT/uwb/frame; clt range needs raw time "
+            "stamps (a log of ranges can be localized as it is)"
+        )
+    sigma = None if noise is None else noise * 1e-12
+    try:
+        with announced(console, ranging=True):
+            found = recover(recording, method, smooth, sigma)
+    except CltError as error:
+        raise CltError(f"{loaded.path}: {error}") from None
+    learnt = document(found)
+    digests = inputs.digests({str(log): loaded.sha256})
+    told = run_record(digests, ranging=learnt, warnings=console.warnings)
+    kept = {key: recording.run[key] for key in ("seed", "config") if key in recording.run}
+    with inputs.output(output, force) as file:
+        save(file, found.recording, kept | told | {"input_run": json.dumps(dict(recording.run))})
+    if as_json:
+        counts = {name: len(one.stamp) for name, one in found.recording.odometry.items()}
+        head = {"log": str(output), "ranges": len(found.recording.ranges.stamp)}
+        print(json.dumps({**head, "odometry": counts, **learnt, "warnings": console.warnings}))
+    tell(console, found)
+    return console.code

@@ -1,0 +1,49 @@
+"""`clt recover`: salvage a damaged log."""
+
+from __future__ import annotations
+
+from clt.cli.options import Force, Json, Log, Output, Quiet, Verbose
+
+
+def recover(
+    log: Log,
+    output: Output,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Copy everything sound of a damaged log into a sound one, and say what was lost.
+
+    Examples:
+      clt recover cut.mcap -o saved.mcap
+    """
+    import json
+
+    from clt.cli.console import Console
+    from clt.core.errors import UsageError
+    from clt.log.mcap.bag import bag_of
+    from clt.log.output import STDOUT
+    from clt.log.output import output as opened
+    from clt.log.recording.recover import recover as copy
+
+    if as_json and output == STDOUT:
+        raise UsageError("--json and -o - both want standard output; name a file")
+    if log.is_dir():
+        files = bag_of(log).files
+        raise UsageError(f"{log}: is a folder: recover its files one by one, e.g. {files[0]}")
+    console = Console(quiet, verbose)
+    with opened(output, force, inputs=[log]) as file:
+        saved = copy(log, file)
+    console.report(saved.faults)
+    kept = f"{saved.messages} messages on {saved.channels} channels, {saved.documents} documents"
+    console.say(
+        f"{output}: saved {kept}; " + ("some data is lost" if console.code else "nothing lost")
+    )
+    for fault in saved.faults:
+        console.detail(f"  {fault.kind}: {fault.count}")
+    if as_json:
+        faults = [dict(vars(fault)) for fault in saved.faults]
+        counts = {"messages": saved.messages, "channels": saved.channels}
+        print(json.dumps({**counts, "documents": saved.documents, "faults": faults}, indent=1))
+    return console.code

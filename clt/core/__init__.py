@@ -1,0 +1,1 @@
+"""What every room passes on and uses: recordings, starts, geometry, settings, errors, ticks."""

@@ -1,0 +1,82 @@
+"""A posterior without what is no number: nothing else of it is lost."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clt.core.recording import Floats, Innovations, Poses
+from clt.estimation.posterior import Posterior
+from clt.model.belief import ROUNDING
+
+MOST = 1e12
+"""m, rad and squares of them: nothing that is estimated is larger."""
+
+
+def sane(*columns: Floats) -> NDArray[np.bool_]:
+    """Rows (n,) in which every number of some columns (n, ...) is finite and at most MOST."""
+    good = [
+        (np.abs(np.nan_to_num(c, nan=np.inf)) <= MOST).all(axis=tuple(range(1, c.ndim)))
+        for c in columns
+    ]
+    return np.asarray(np.logical_and.reduce(good))
+
+
+def finite_poses(poses: Poses) -> tuple[Poses, int]:
+    """The rows of an estimate that hold numbers throughout, and how many others there are.
+
+    A variance below zero, as rounding leaves where all certainty was lost, is none.
+    """
+    covariance = poses.covariance
+    if covariance is None:
+        return poses, 0
+    keep = sane(poses.x, poses.y, poses.heading, covariance)
+    keep &= np.all(np.diagonal(covariance, axis1=1, axis2=2) >= -ROUNDING, axis=1)
+    if keep.all():
+        return poses, 0
+    columns = {
+        name: getattr(poses, name)[keep] for name in ("stamp", "log_time", "x", "y", "heading")
+    }
+    return replace(poses, covariance=covariance[keep], **columns), int(np.sum(~keep))
+
+
+def finite_innovations(innovations: Innovations) -> tuple[Innovations, int]:
+    """The rows that hold numbers throughout, and how many others there are."""
+    keep = sane(innovations.residual, innovations.sigma) & np.isfinite(innovations.nis)
+    if keep.all():
+        return innovations, 0
+    columns = {name: column[keep] for name, column in vars(innovations).items()}
+    return Innovations(**columns), int(np.sum(~keep))
+
+
+def only_finite(posterior: Posterior) -> Posterior:
+    """The posterior with only the rows that hold numbers; the others are counted in `left_out`.
+
+    Robots that lose any have diverged; those that lose all have no trajectory.
+    """
+    poses: dict[str, Poses] = {}
+    left_out, diverged = list(posterior.left_out), list(posterior.diverged)
+    for name, track in posterior.poses.items():
+        kept, lost = finite_poses(track)
+        if lost > 0:
+            left_out.append(
+                f"{lost} of {track.x.size} estimates of {name} are no numbers: left out"
+            )
+            diverged += [name] if name not in diverged else []
+        if kept.stamp.size > 0:
+            poses[name] = kept
+    innovations, lost = finite_innovations(posterior.innovations)
+    if lost > 0:
+        left_out.append(
+            f"{lost} of {posterior.innovations.stamp.size} range innovations are no numbers: "
+            "left out; look at the stamps and the noise settings"
+        )
+    return replace(
+        posterior,
+        poses=poses,
+        innovations=innovations,
+        left_out=tuple(left_out),
+        diverged=tuple(diverged),
+    )

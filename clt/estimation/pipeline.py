@@ -1,0 +1,83 @@
+"""From a recording to its estimates: initial poses, filter, baseline. Pure: no files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from clt.core.recording import Recording, Robot, Team, no_frames, no_ranges
+from clt.core.start import InitialPose, Start
+from clt.estimation import estimators
+from clt.estimation.estimators import SHI, Estimator
+from clt.estimation.finite import finite_poses, only_finite
+from clt.estimation.noise_used import noise_used
+from clt.estimation.posterior import Posterior
+from clt.estimation.replay import received
+from clt.model.settings import FilterSettings
+
+
+@dataclass(frozen=True)
+class Result:
+    """One filter run over one recording."""
+
+    start: Start
+    posterior: Posterior
+    recording: Recording
+    """What a result log holds: truth, estimates, dead reckoning, innovations, the team."""
+    noise: Mapping[str, object]
+    """What the filter believed of the sensors, see `noise_used`."""
+
+
+def estimate(
+    recording: Recording,
+    start: Start,
+    settings: FilterSettings,
+    estimator: Estimator = SHI,
+    *,
+    as_received: bool = False,
+) -> Result:
+    """Filter a recording from a start, by stamp or in the order in which its messages arrived.
+
+    Raises CltError where nothing can be estimated.
+    """
+    if as_received:
+        posterior = received.replay(recording, start, settings, estimator)
+        baseline = received.dead_reckon(recording, start, settings, estimator.view)
+    else:
+        posterior = estimators.localize(recording, start, settings, estimator)
+        baseline = estimators.dead_reckon(recording, start, settings, estimator.view)
+    posterior = only_finite(posterior)
+    moving = set(recording.odometry) if estimator.view.kind == "world" else set(baseline)
+    result = replace(
+        recording,
+        team=replace(recording.team, robots=placed(recording.team, start)),
+        odometry={},
+        ranges=no_ranges(),
+        frames=no_frames(),
+        estimate=posterior.poses,
+        dead_reckoning={
+            name: reckoned
+            for name in posterior.poses
+            if name in moving and (reckoned := finite_poses(baseline[name])[0]).stamp.size > 0
+        },
+        innovations=posterior.innovations,
+    )
+    bodies = {*posterior.robots, *estimator.view.names}
+    return Result(start, posterior, result, noise_used(recording, settings.noise, bodies))
+
+
+def placed(team: Team, start: Start) -> tuple[Robot, ...]:
+    """The robots with the positions that the filter took for those it held fixed."""
+    return tuple(
+        replace(robot, position=(float(pose.mean[0]), float(pose.mean[1])))
+        if robot.static and pose is not None and certain(pose)
+        else robot
+        for robot, pose in ((robot, start.poses.get(robot.name)) for robot in team.robots)
+    )
+
+
+def certain(pose: InitialPose) -> bool:
+    """Whether a pose has no uncertainty at all."""
+    return not np.any(pose.covariance)

@@ -1,0 +1,1 @@
+"""Filters as a robot would run them: messages late, lost and out of order."""

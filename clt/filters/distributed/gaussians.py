@@ -1,0 +1,161 @@
+"""Consensus on the ranges' likelihood functions, which frees the robots from shared particles.
+
+The log-likelihood of what one robot measured to another is a parabola in their distance rho,
+l(rho) = b rho - c rho^2 / 2 with c = sum 1 / R and b = sum z / R: two numbers, and a third that is
+one for the measurer alone. Consensus scales all three by the same share, so their quotients are
+exact as soon as the measurer's numbers have come at all, however few iterations there are. Every
+robot then corrects what it holds itself: as few Gaussians as its own knowledge needs (`mixture`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from clt.core.recording import Floats, Indices
+from clt.filters.distributed.rounds import Path, Rounds, Silent, rows, unheard
+from clt.filters.kalman.updates import projected_variance
+from clt.filters.mixture.gaussian_sum import Bank, Trace, belief_of, make_bank, make_trace
+from clt.filters.mixture.mixture import ROOM, mixture
+from clt.filters.mixture.reduction import Desk, make_desk
+from clt.filters.mixture.splitting import narrow_gaussians
+from clt.jit.compiled import lean
+from clt.model.belief import Belief
+from clt.model.inputs import Outputs, RangeTable
+from clt.model.problem import Problem
+from clt.model.range_model import predict_range
+from clt.model.settings import FilterSettings
+
+PARABOLA = 3
+"""Numbers for each ordered pair: c, b, and whose they are."""
+HEADING = 0.2
+"""Heading up to which a Gaussian may be uncertain at the start, rad."""
+REACHED = 1e-9
+"""Share of a measurer's numbers from which on they count as arrived."""
+
+
+@dataclass(frozen=True)
+class Gaussians:
+    """What one robot holds."""
+
+    problem: Problem
+    rounds: Rounds
+    gate: float
+    bank: Bank
+    desk: Desk
+
+    @property
+    def size(self) -> int:
+        """Bytes to hand it over: weight, mean and one triangle of each covariance."""
+        K, N = int(self.bank.alive[0]), int(self.bank.mean.shape[1])
+        return 8 * K * (1 + N + N * (N + 1) // 2)
+
+    @property
+    def dropped(self) -> float:
+        """Probability of what there was no room for."""
+        return float(self.bank.dropped[0])
+
+    @property
+    def belief(self) -> Belief:
+        """The Gaussians in use."""
+        return belief_of(self.bank)
+
+    def copy(self) -> Gaussians:
+        """One that goes its own way."""
+        own = (x.copy() if isinstance(x, np.ndarray) else x for x in self.bank)
+        return replace(self, bank=Bank._make(own))
+
+    def adopt(self, giver: Gaussians) -> Gaussians:
+        """This robot with the belief of another."""
+        return replace(self, bank=giver.copy().bank)
+
+    def without(self, silent: Silent) -> Gaussians:
+        """This robot, which does not hear some others.
+
+        The less is known of where they are heading, the more may their way go anywhere.
+        """
+        space, blocks = self.problem.space, len(self.problem.robots)
+        covariance = self.bank.covariance.copy()
+        anywhere = 0.5 * silent.usual[:, 0] * (1.0 - np.exp(-silent.lost()[1])) * silent.growth()
+        for d, way in zip(silent.drivers.tolist(), anywhere.tolist(), strict=True):
+            for i in range(blocks):
+                for j in range(blocks):
+                    if (space.who[i] == space.who[j] == d) or (space.base[i] == space.base[j] == d):
+                        covariance[:, 3 * i, 3 * j] += way
+                        covariance[:, 3 * i + 1, 3 * j + 1] += way
+        bank = self.bank._replace(covariance=covariance)
+        return replace(self, bank=bank, problem=unheard(self.problem, silent, straight=True))
+
+    def path(self) -> Path:
+        """The heaviest Gaussian, as it is now."""
+        bank = self.bank
+        lead = int(np.argmax(self.belief.log_weight))
+        return Path(bank.mean[lead].copy(), bank.time.copy(), bank.cursor.copy())
+
+    def advance(self, until: int) -> None:
+        """Bring all to a time (ns)."""
+        none = rows(self.problem.ranges, slice(0))
+        outputs = Outputs(*(column[:0] for column in self.problem.outputs))
+        self._run(until, none, outputs, make_trace(outputs, none))
+
+    def report(self, outputs: Outputs, trace: Trace) -> None:
+        """Fill in the outputs, which are not before the time reached."""
+        if outputs.stamp.size > 0:
+            self._run(int(outputs.stamp[-1]), rows(self.problem.ranges, slice(0)), outputs, trace)
+
+    def distances(self, table: RangeTable) -> tuple[Floats, Floats]:
+        """Distance of each range by each Gaussian, and its variance within: (n, K) twice."""
+        shape = (table.stamp.size, int(self.bank.alive[0]))
+        h, s = np.empty(shape), np.empty(shape)
+        separations(self.bank, self.problem.lever, table, h, s)
+        return h, s
+
+    def message(self, table: RangeTable, _: Floats, link: Indices) -> Floats:
+        """The parabolas of own ranges, which belong to some ordered pairs, shape (3 E,)."""
+        told = np.zeros((self.rounds.pairs.stamp.size, PARABOLA))
+        np.add.at(told[:, 0], link, 1.0 / table.weight_variance)
+        np.add.at(told[:, 1], link, table.range / table.weight_variance)
+        told[link, 2] = 1.0
+        return told.ravel()
+
+    def fuse(self, average: Floats, _: int, now: int) -> None:
+        """Correct by the parabolas of all who were reached: each is one range."""
+        c, b, share = average.reshape(-1, PARABOLA).T
+        come = np.flatnonzero((share > REACHED) & (c > 0.0))
+        pairs, variance = rows(self.rounds.pairs, come), share[come] / c[come]
+        table = pairs._replace(
+            stamp=np.full(come.size, now),
+            range=b[come] / c[come],
+            variance=variance,
+            weight_variance=variance,
+        )
+        outputs = Outputs(*(column[:0] for column in self.problem.outputs))
+        self._run(now, table, outputs, make_trace(outputs, table))
+
+    def _run(self, until: int, table: RangeTable, outputs: Outputs, trace: Trace) -> None:
+        """Run the mixture up to a time (ns)."""
+        mixture(
+            self.bank, until, self.problem.space, self.problem.lever, self.problem.segments, table,
+            outputs, self.gate, self.desk, trace,
+        )  # fmt: skip
+
+
+def gaussians(problem: Problem, settings: FilterSettings, rounds: Rounds) -> Gaussians:
+    """What every robot starts with."""
+    if problem.prior is None:
+        raise ValueError("nothing to start from")
+    bank = make_bank(
+        narrow_gaussians(problem.prior, HEADING), problem, ROOM * settings.dpf.particles
+    )
+    return Gaussians(problem, rounds, settings.gate, bank, make_desk(bank))
+
+
+@lean
+def separations(bank: Bank, lever: Floats, table: RangeTable, h: Floats, s: Floats) -> None:
+    """Distance of each range by each Gaussian and its variance, into h and s (n, K)."""
+    for m in range(table.stamp.size):
+        a, b, px, py = table.a[m], table.b[m], table.anchor[m, 0], table.anchor[m, 1]
+        for k in range(bank.alive[0]):
+            h[m, k] = predict_range(bank.mean[k], lever, a, b, px, py, bank.J, bank.H, 0)
+            s[m, k] = projected_variance(bank.covariance[k], bank.J, bank.H, 0)

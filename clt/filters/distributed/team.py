@@ -1,0 +1,173 @@
+"""The robots of a distributed filter: who hears whom, who is there, who follows whose belief.
+
+Robots that fell silent are left out by the others, which go on; they, and those that were cut off,
+take over the belief of the group that they come to. Odometry is repeated until it has arrived.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from clt.core.recording import Floats, Indices, Stamps
+from clt.filters.distributed.consensus import Bools, Network, links, network
+from clt.filters.distributed.gaussians import Gaussians, gaussians
+from clt.filters.distributed.points import Points, points
+from clt.filters.distributed.rounds import Path, Rounds, Silent, rounds_of, usual
+from clt.filters.mixture.gaussian_sum import Trace, make_trace
+from clt.model.problem import Problem
+from clt.model.settings import FilterSettings
+
+Member = Points | Gaussians
+SILENCE = 1_000_000_000
+"""A robot without odometry for longer than this, ns, has dropped out ..."""
+SLOW = 3
+"""... unless it is a usual time between its samples: longer than so many of them."""
+SAMPLE_BYTES = 40
+"""Of one odometry sample as sent: stamp, v, omega and their variances."""
+
+
+@dataclass(frozen=True)
+class Team:
+    """All M robots of a run, in the order of the problem's drivers: the ego is the first."""
+
+    problem: Problem
+    settings: FilterSettings
+    rounds: Rounds
+    members: list[Member]
+    paths: list[Path]
+    """Where each was at the end of the last round."""
+    line: Indices
+    """Robots with the same number hold beliefs that come from one another, (M,)."""
+    there: Bools
+    """Who is heard in each round, (K, M)."""
+    heard: Stamps
+    """Up to when each (row) knows the odometry of each (column), ns, (M, M)."""
+    usual: Floats
+    """What is known of each driver that is not heard, (M, 3)."""
+    links: Bools
+    """Who may hear whom, (M, M)."""
+    apart: Indices
+    """How long each that was there could not reach the ego so far, ns, (M,)."""
+    net: Network
+    draw: np.random.Generator
+    trace: Trace
+
+
+def assemble(problem: Problem, settings: FilterSettings) -> Team:
+    """Every robot at the start."""
+    own = settings.dpf
+    rounds, M = rounds_of(problem, own.interval), len(problem.drivers)
+    make = points if own.likelihood == "shared" else gaussians
+    members: list[Member] = [make(problem, settings, rounds) for _ in range(M)]
+    return Team(
+        problem,
+        settings,
+        rounds,
+        members,
+        [member.path() for member in members],
+        np.zeros(M, np.int64),
+        present(problem, rounds),
+        np.full((M, M), problem.start),
+        usual(problem),
+        links(own.graph, problem.drivers),
+        np.zeros(M, np.int64),
+        network(M, own.loss, own.seed),
+        np.random.default_rng([own.seed, 2]),
+        make_trace(problem.outputs, problem.ranges),
+    )
+
+
+def reunite(team: Team, parts: Sequence[Indices], up: Bools) -> None:
+    """Whoever comes to a group takes over the belief of its largest part from a neighbour."""
+    M = len(team.members)
+    line = M + np.arange(M)
+    for group in parts:
+        common = int(np.bincount(team.line[group]).argmax())
+        knows = [int(r) for r in group if team.line[r] == common]
+        asks = [int(r) for r in group if team.line[r] != common]
+        while len(asks) > 0:
+            giver, r = next((i, j) for j in asks for i in knows if up[i, j])
+            team.members[r] = adopted(team.members[r], team.members[giver])
+            team.paths[r] = team.paths[giver]
+            team.heard[r] = team.heard[giver]
+            team.net.hand_over(giver, r, team.members[r].size)
+            knows.append(r)
+            asks.remove(r)
+        line[group] = group[0]
+    team.line[:] = line
+
+
+def adopted(member: Member, giver: Member) -> Member:
+    """A robot with the belief of another; all of a team hold the same kind."""
+    if isinstance(member, Points) and isinstance(giver, Points):
+        return member.adopt(giver)
+    if isinstance(member, Gaussians) and isinstance(giver, Gaussians):
+        return member.adopt(giver)
+    raise TypeError("robots of one team hold beliefs of one kind")
+
+
+def separate(team: Team, parts: Sequence[Indices], since: int, until: int) -> None:
+    """Take from every robot the odometry of those who are not in its group, until a time (ns)."""
+    M = len(team.members)
+    for r in range(M):
+        group = next((group for group in parts if r in group), np.array([r]))
+        team.heard[r, group] = since
+        if group.size < M:
+            others = np.setdiff1d(np.arange(M), group)
+            silent = Silent(others, since, until, team.heard[r, others], team.usual[others])
+            team.members[r] = team.members[r].without(silent)
+
+
+def hearing(team: Team) -> Bools:
+    """The links within reach, by the distances that the first robot believed in last, (M, M)."""
+    position = np.zeros((len(team.members), 2))
+    x = team.paths[0].x[: 3 * len(team.problem.robots)].reshape(-1, 3)
+    position[team.problem.space.who] = x[:, :2]
+    apart = np.linalg.norm(position[:, None] - position, axis=-1)
+    up: Bools = team.links & (apart <= team.settings.dpf.reach)
+    return up
+
+
+def present(problem: Problem, rounds: Rounds) -> Bools:
+    """Who is heard in each of the K rounds: with ranges in it, or odometry of late, (K, M)."""
+    segments, M = problem.segments, len(problem.drivers)
+    there = np.ones((rounds.end.size, M), np.bool_)
+    for d in range(M):
+        end = segments.end[segments.first[d] : segments.first[d + 1]]
+        if end.size > 0:
+            step = np.diff(end, prepend=problem.start)
+            within = np.minimum(np.searchsorted(end, rounds.end), end.size - 1)
+            there[:, d] = step[within] <= max(SILENCE, SLOW * float(np.median(step)))
+    there[np.repeat(np.arange(rounds.end.size), np.diff(rounds.first)), rounds.owner] = True
+    return there
+
+
+def exchange_odometry(team: Team, group: Indices, since: int, now: int, up: Bools) -> None:
+    """Count the samples of one round, which all of a group get from each other."""
+    segments = team.problem.segments
+    for r in group:
+        end = segments.end[segments.first[r] : segments.first[r + 1]]
+        low, high = np.searchsorted(end, [since, now], side="right")
+        if high > low:
+            team.net.flood(int(r), up, group, SAMPLE_BYTES, int(high - low))
+
+
+def count_apart(team: Team, parts: Sequence[Indices], k: int, since: int, now: int) -> None:
+    """Add round k to the time (ns) that robots could not reach the ego, if both were there."""
+    for group in parts:
+        if 0 in group:
+            out = team.there[k].copy()
+            out[group] = False
+            team.apart[out] += now - since
+
+
+def out_of_reach(team: Team) -> dict[str, float]:
+    """Seconds in all that robots could not reach the ego, of those with more than SILENCE."""
+    return {
+        name: 1e-9 * float(apart)
+        for name, apart in zip(team.problem.drivers, team.apart, strict=True)
+        if apart > SILENCE
+    }

@@ -1,0 +1,1 @@
+"""The same filters by filterpy: an independent oracle."""

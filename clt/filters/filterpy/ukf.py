@@ -1,0 +1,123 @@
+"""The unscented Kalman filter through filterpy's UnscentedKalmanFilter and Merwe's sigma points.
+
+Written as a filterpy user would: one predict per step of constant twists, one update per instant.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter, unscented_transform
+from scipy.linalg import LinAlgError, cholesky
+
+from clt.core.recording import Floats, Indices
+from clt.filters.filterpy.model import Clock, Piece, lines, moved, noise
+from clt.filters.filterpy.run import judge, run
+from clt.filters.kalman.eskf import USED
+from clt.filters.kalman.free import add_turns, exchange, find, free_of, hold_still, wanted
+from clt.filters.kalman.gaussian import process_form
+from clt.filters.kalman.reacquisition import follow
+from clt.model.problem import Problem
+from clt.model.settings import FilterSettings
+from clt.model.solution import Solution
+from clt.model.state_space import Space
+from clt.model.unicycle import SHI
+
+
+def square_root(P: Floats) -> Floats:
+    """U with U^T U = P, upper triangular; a pivot of no more than rounding makes a row of zeros.
+
+    LAPACK would stop at such a pivot, or divide by it.
+    """
+    least = P.shape[0] * np.finfo(np.float64).eps * P.diagonal()
+    try:
+        root: Floats = cholesky(P)
+    except LinAlgError:
+        root = np.zeros_like(P)
+    if np.any(root.diagonal() ** 2 <= least):
+        root = np.zeros_like(P)
+        for k in range(P.shape[0]):
+            row = P[k, k:] - root[:k, k] @ root[:k, k:]
+            if row[0] > least[k]:
+                root[k, k:] = row / np.sqrt(row[0])
+    return root
+
+
+def transition(x: Floats, dt: float, space: Space, pieces: list[Piece]) -> Floats:
+    """The motion of one sigma point; filterpy's signature."""
+    del dt  # It is in the pieces.
+    return moved(x, space, pieces)
+
+
+class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
+    """filterpy's UKF of a team."""
+
+    def __init__(self, problem: Problem, settings: FilterSettings, *, hold: bool) -> None:
+        alpha, beta, kappa = settings.ukf.alpha, settings.ukf.beta, settings.ukf.kappa
+        N = problem.mean.size
+        points = MerweScaledSigmaPoints(N, alpha, beta, kappa, sqrt_method=square_root)
+        super().__init__(N, 1, 1.0, None, transition, points)
+        self.x, self.P = problem.mean.copy(), problem.covariance.copy()
+        self.problem, self.space = problem, problem.space
+        self.shi = process_form(problem, settings) == SHI
+        self.clock = Clock(problem.segments, problem.space, problem.start)
+        self.now = problem.start
+        self.free = free_of(problem, hold)
+
+    def advance(self, until: int, drivers: set[int]) -> None:
+        """Predict up to the time `until` (ns): all drivers together, whichever are wanted."""
+        del drivers
+        every = range(self.clock.time.size)
+        while self.now < until:
+            stop, cursor = min(self.clock.stop(d, until) for d in every), self.clock.cursor.copy()
+            pieces = [p for d in every if (p := self.clock.piece(d, stop)) is not None]
+            x = moved(self.x, self.space, pieces)
+            self.Q = sum(
+                (noise(x, self.space, piece, shi=self.shi) for piece in pieces),
+                np.zeros_like(self.P),
+            )
+            nothing = self.problem.ranges, 0, 0, self.problem.segments, cursor
+            turns = 0
+            if self.space.base[0] >= 0:
+                turns = find(self.x, self.P, self.space, *nothing, self.free)
+            self.P = self.held(turns)
+            self.predict(space=self.space, pieces=pieces)
+            add_turns(self.x, self.P, self.space, *nothing, self.free, turns)
+            self.now = stop
+
+    def held(self, turns: int) -> Floats:
+        """What of the covariance is along none of the turns found."""
+        if turns == 0:
+            held: Floats = self.P
+            return held
+        hold_still(self.P, turns, self.free)
+        return self.free.U.copy()
+
+    def correct(self, rows: slice, gate: float) -> tuple[Floats, Floats, Indices]:
+        """Gate and fuse the ranges `rows` of one instant: residual, its variance, verdict."""
+        ranges, z = self.problem.ranges, self.problem.ranges.range[rows]
+        instant = ranges, rows.start, rows.stop, self.problem.segments, self.clock.cursor
+        turns = find(self.x, self.P, self.space, *instant, self.free)
+        self.sigmas_f = self.points_fn.sigma_points(self.x, self.held(turns))
+        images = np.abs(lines(self.sigmas_f, self.problem.lever, ranges, rows))
+        h, spread = unscented_transform(images, self.Wm, self.Wc, np.diag(ranges.variance[rows]))
+        r, S = z - h, spread.diagonal()
+        verdict = judge(r, S, gate)
+        use = np.flatnonzero(verdict == USED)
+        if use.size > 0:
+            image = iter(images[:, use])
+            R = np.diag(ranges.weight_variance[rows][use])
+            self.update(z[use], R=R, hx=lambda _: next(image))
+            exchange(self.x, self.P, self.space, *instant, self.free, turns)
+        return r, S, verdict
+
+
+def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:
+    """The numbers of `ukf.solve_ukf`."""
+    return follow(problem, settings, partial(solve, hold=wanted(problem, settings)))
+
+
+def solve(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
+    """Run the filter alone."""
+    return run(TeamFilter(problem, settings, hold=hold), problem, settings.gate)

@@ -1,0 +1,311 @@
+"""Turns that no range tells, and how a Kalman filter is kept from learning them from itself.
+
+While a robot stands, all that is seen from it may turn about its antenna and no range changes;
+neither does one if a whole team turns about the only robot of known position. With the changes N
+(a row each) of the state by such turns, P = P_o + N^T S N with S = (N P^-1 N^T)^-1. A range whose
+Jacobian gives H N^T = 0 leaves S as it is, but N depends on the estimate: after a correction the
+filter would find that the N of before is no free turn any more, and learn from it what no range
+told (Huang, Mourikis, Roumeliotis 2010). So N is exchanged after every correction,
+P += N+^T S N+ - N^T S N. A filter without Jacobians, the unscented one, looks at the ranges with
+sigma points of P_o, and moves them alone: turned as one, the true points lie on circles, and tell
+the same ranges.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from clt.core.recording import Floats, Indices
+from clt.filters.kalman.unscented import factor
+from clt.jit.compiled import inlined, lean
+from clt.model.inputs import RangeTable, Segments
+from clt.model.problem import Problem
+from clt.model.settings import FilterSettings
+from clt.model.state_space import AT_REST, WORLD, Space
+
+FIXED = 2
+"""Robots of known position that hold a team in the world."""
+MOST = 3
+"""Directions at once: two translations and a rotation."""
+CERTAIN = 1e-6
+"""Standard deviation that what is known for certain counts as having, m or rad."""
+
+
+class Free(NamedTuple):
+    """Whether to look for directions that no range tells, and scratch."""
+
+    active: int
+    antenna: Floats
+    """Of each driver in its body frame, shape (D, 2), m."""
+    before: Floats
+    """Directions before a correction, orthonormal in units of P, shape (MOST, N)."""
+    after: Floats
+    """The same after it."""
+    white: Floats
+    """U^-T times those before."""
+    steps: Floats
+    """What made them orthonormal, shape (MOST, MOST)."""
+    U: Floats
+    """Factor of P, shape (N, N); or what of P is not free."""
+    bend: Floats
+    """Variance of the turn about each driver, where that is the only direction, (D,), rad^2."""
+
+
+def free_of(problem: Problem, active: bool) -> Free:
+    """Room for a problem; hardly any where it is not `active`."""
+    N = problem.belief.mean.shape[1] if active else 0
+    return room(problem.antenna, N, active)
+
+
+def inactive() -> Free:
+    """Nothing is looked for."""
+    return room(np.zeros((0, 2)), 0, False)
+
+
+def room(antenna: Floats, N: int, active: bool) -> Free:
+    """Scratch for N numbers and drivers with these antennas (D, 2)."""
+    before, after, white = np.zeros((MOST, N)), np.zeros((MOST, N)), np.zeros((MOST, N))
+    steps, bend = np.zeros((MOST, MOST)), np.zeros(antenna.shape[0])
+    return Free(int(active), antenna, before, after, white, steps, np.zeros((N, N)), bend)
+
+
+def wanted(problem: Problem, settings: FilterSettings) -> bool:
+    """Whether a filter is to hold what no range tells: as set, else wherever that can be.
+
+    That is with fewer than two fixed robots, and in body frames.
+    """
+    if settings.jacobians != "auto":
+        return settings.jacobians == "first"
+    ends = np.append(problem.ranges.a, problem.ranges.b)
+    relative = bool(np.any(problem.space.base != WORLD))
+    return relative or int(np.unique(ends[ends < 0]).size) < FIXED
+
+
+@inlined
+def still(segments: Segments, cursor: Indices, d: int, free: Free) -> bool:
+    """Whether the antenna of driver d is at rest from now on: as its odometry says, or for good."""
+    if segments.first[d] == segments.first[d + 1]:
+        return True
+    k = min(cursor[d], segments.first[d + 1] - 1)
+    reach = abs(free.antenna[d, 0]) + abs(free.antenna[d, 1])
+    turning: float = abs(segments.omega[k]) * reach
+    return bool(abs(segments.v[k]) < AT_REST and turning < AT_REST)
+
+
+@lean
+def turn_about(x: Floats, space: Space, d: int, free: Free, out: Floats) -> bool:
+    """Driver d turns backwards about its antenna: change of the state by 1 rad into `out` (N,).
+
+    False for a driver in whose frame nothing stands.
+    """
+    seen = False
+    lx, ly = free.antenna[d, 0], free.antenna[d, 1]
+    out[:] = 0.0
+    for i in range(space.who.size):
+        X, Y, T = 3 * i, 3 * i + 1, 3 * i + 2
+        if space.base[i] == d:
+            seen = True
+            out[X], out[Y], out[T] = ly - x[Y], x[X] - lx, 1.0
+        elif space.who[i] == d:
+            c, s = math.cos(x[T]), math.sin(x[T])
+            out[X], out[Y], out[T] = -s * lx - c * ly, c * lx - s * ly, -1.0
+    return seen
+
+
+@lean
+def world_directions(
+    x: Floats, space: Space, ranges: RangeTable, first: int, last: int, segments: Segments,
+    free: Free, out: Floats,
+) -> int:  # fmt: skip
+    """What the ranges first .. last - 1 do not tell of poses in the world; rows of `out`.
+
+    The heading of a static robot is but a convention: it stays, and its antenna turns.
+    """
+    fixed, cx, cy = 0, 0.0, 0.0
+    for m in range(first, last):
+        for end in (ranges.a[m], ranges.b[m]):
+            if end < 0 and end != fixed:
+                if fixed < 0:
+                    return 0
+                fixed, cx, cy = end, ranges.anchor[m, 0], ranges.anchor[m, 1]
+    out[:] = 0.0
+    row = 0 if fixed < 0 else 2
+    for i in range(space.who.size):
+        X, Y, T = 3 * i, 3 * i + 1, 3 * i + 2
+        if fixed == 0:
+            out[0, X] = out[1, Y] = 1.0
+        d = space.who[i]
+        if segments.first[d] == segments.first[d + 1]:
+            lx, ly = free.antenna[d, 0], free.antenna[d, 1]
+            c, s = math.cos(x[T]), math.sin(x[T])
+            out[row, X] = cy - x[Y] - s * lx - c * ly
+            out[row, Y] = x[X] + c * lx - s * ly - cx
+        else:
+            out[row, X], out[row, Y], out[row, T] = cy - x[Y], x[X] - cx, 1.0
+    return row + 1
+
+
+@lean
+def directions(
+    x: Floats, space: Space, ranges: RangeTable, first: int, last: int, segments: Segments,
+    cursor: Indices, free: Free, out: Floats,
+) -> int:  # fmt: skip
+    """Changes of the state x that the ranges first .. last - 1 do not tell, rows of `out`; count.
+
+    A turn about a driver that stands counts as such only until it moves: what its odometry says
+    of the way there is what tells the turn.
+    """
+    if free.active == 0:
+        return 0
+    if space.base[0] == WORLD:
+        return world_directions(x, space, ranges, first, last, segments, free, out)
+    count = 0
+    for d in range(cursor.size):
+        if count < MOST and still(segments, cursor, d, free):
+            count += turn_about(x, space, d, free, out[count])
+    return count
+
+
+@lean
+def whiten(U: Floats, count: int, free: Free) -> None:
+    """Make the `count` directions `before` orthonormal in units of P = U^T U, and `white`.
+
+    What they are made of is kept in `steps`. U (N, N) is upper triangular.
+    """
+    N, V, steps = free.before, free.white, free.steps
+    for j in range(count):
+        for k in range(N.shape[1]):
+            rest = N[j, k]
+            for i in range(k):
+                rest -= U[i, k] * V[j, i]
+            V[j, k] = rest / max(U[k, k], CERTAIN)
+        for i in range(j):
+            steps[j, i] = 0.0
+            for k in range(N.shape[1]):
+                steps[j, i] += V[i, k] * V[j, k]
+            for k in range(N.shape[1]):
+                V[j, k] -= steps[j, i] * V[i, k]
+        length = 0.0
+        for k in range(N.shape[1]):
+            length += V[j, k] * V[j, k]
+        steps[j, j] = 1.0 / math.sqrt(max(length, CERTAIN))
+        for k in range(N.shape[1]):
+            V[j, k] *= steps[j, j]
+        combine(N, steps, j)
+
+
+@inlined
+def combine(N: Floats, steps: Floats, j: int) -> None:
+    """Row j of N as row j of `white` was made from those before it."""
+    for i in range(j):
+        for k in range(N.shape[1]):
+            N[j, k] -= steps[j, i] * N[i, k]
+    for k in range(N.shape[1]):
+        N[j, k] *= steps[j, j]
+
+
+@lean
+def find(
+    x: Floats, P: Floats, space: Space, ranges: RangeTable, first: int, last: int,
+    segments: Segments, cursor: Indices, free: Free,
+) -> int:  # fmt: skip
+    """The directions before a correction by the ranges first .. last - 1: how many."""
+    count = directions(x, space, ranges, first, last, segments, cursor, free, free.before)
+    if count > 0:
+        factor(P, free.U, x.size)
+        whiten(free.U, count, free)
+    return count
+
+
+@lean
+def hold_still(P: Floats, count: int, free: Free) -> None:
+    """What of P is along none of the `count` directions found before, into `free.U`."""
+    N, rest = free.before, free.U
+    for r in range(P.shape[0]):
+        for c in range(P.shape[0]):
+            rest[r, c] = P[r, c]
+            for j in range(count):
+                rest[r, c] -= N[j, r] * N[j, c]
+
+
+@lean
+def add_turns(
+    x: Floats, P: Floats, space: Space, ranges: RangeTable, first: int, last: int,
+    segments: Segments, cursor: Indices, free: Free, count: int,
+) -> None:  # fmt: skip
+    """Add to P along the directions at x what was known along the `count` found before."""
+    if count == 0:
+        return
+    after = free.after
+    directions(x, space, ranges, first, last, segments, cursor, free, after)
+    for j in range(count):
+        combine(after, free.steps, j)
+        for r in range(x.size):
+            for c in range(x.size):
+                P[r, c] += after[j, r] * after[j, c]
+
+
+@lean
+def exchange(
+    x: Floats, P: Floats, space: Space, ranges: RangeTable, first: int, last: int,
+    segments: Segments, cursor: Indices, free: Free, count: int,
+) -> None:  # fmt: skip
+    """After the correction: P holds along the directions at the new x what it held along `before`.
+
+    As many were found before as `count`.
+    """
+    before = free.before
+    for j in range(count):
+        for r in range(x.size):
+            for c in range(x.size):
+                P[r, c] -= before[j, r] * before[j, c]
+    add_turns(x, P, space, ranges, first, last, segments, cursor, free, count)
+
+
+@lean
+def find_bend(
+    x: Floats, P: Floats, space: Space, ranges: RangeTable, m: int, segments: Segments,
+    cursor: Indices, free: Free,
+) -> None:  # fmt: skip
+    """How far what is seen from each driver may have turned about it, for `add_bend`.
+
+    m: any range; none tells of turns in body frames.
+    """
+    if free.active == 0 or space.base[0] == WORLD:
+        return
+    count = find(x, P, space, ranges, m, m, segments, cursor, free)
+    for d in range(cursor.size):
+        turns = count == 1 and still(segments, cursor, d, free) and seen_from(space, d)
+        free.bend[d] = free.steps[0, 0] ** 2 if turns else 0.0
+
+
+@inlined
+def seen_from(space: Space, d: int) -> bool:
+    """Whether anything stands in the frame of driver d."""
+    seen = False
+    for i in range(space.base.size):
+        seen = seen or space.base[i] == d
+    return seen
+
+
+@lean
+def add_bend(x: Floats, space: Space, i: int, free: Free, covariance: Floats) -> None:
+    """Add to the covariance (3, 3) of block i that a wide turn leads along a circle, in place.
+
+    What turns by a ~ N(0, s^2) about the antenna, at u from it, is left by u (1 - cos a) behind
+    the tangent: on average squared, 3/2 - 2 exp(-s^2 / 2) + exp(-2 s^2) / 2 times u u^T.
+    """
+    if free.active == 0 or space.base[i] < 0:
+        return
+    d = space.base[i]
+    ux, uy = x[3 * i] - free.antenna[d, 0], x[3 * i + 1] - free.antenna[d, 1]
+    e = math.expm1(-0.5 * free.bend[d])
+    # The same in powers of what the exponential is below one: small ones stay exact.
+    share = e * e * (3.0 + 2.0 * e + 0.5 * e * e)
+    covariance[0, 0] += share * ux * ux
+    covariance[0, 1] += share * ux * uy
+    covariance[1, 0] += share * ux * uy
+    covariance[1, 1] += share * uy * uy

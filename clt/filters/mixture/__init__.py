@@ -1,0 +1,1 @@
+"""Gaussian sums: split where the model bends, reduced by moments."""

@@ -1,0 +1,238 @@
+"""A bank of Kalman filters over one state space: many Gaussians moved and corrected together.
+
+The log weight of each gathers the evidence of the ranges, log w += -1/2 (log 2 pi S + r^2 / S)
+(Alspach and Sorenson 1972). An outlier beyond the gate corrects nothing and counts as one on the
+gate, so that it kills no hypothesis by itself.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from clt.core.recording import Floats, Indices, Stamps
+from clt.filters.kalman.eskf import REJECTED, USED
+from clt.filters.kalman.updates import project, projected_variance
+from clt.jit.compiled import lean
+from clt.model.belief import Belief
+from clt.model.covariance_propagation import carry
+from clt.model.inputs import Outputs, RangeTable, Segments
+from clt.model.mutual import is_mutual, tie
+from clt.model.problem import Problem
+from clt.model.range_model import antenna, predict_range
+from clt.model.state_space import Space
+
+TANGENT = 1
+"""Row of J, H that holds the displacement across the line of sight; row 0 is that along it."""
+
+BROKEN = 1e3
+"""By how much the log weight of a Gaussian falls whose covariance is none any more."""
+
+
+class Bank(NamedTuple):
+    """Room for C Gaussians over N numbers, of which the first `alive[0]` are in use."""
+
+    log_weight: Floats
+    """Normalized, shape (C,)."""
+    mean: Floats
+    """(C, N)."""
+    covariance: Floats
+    """(C, N, N)."""
+    alive: Indices
+    """(1,)."""
+    time: Stamps
+    """Up to when each driver is propagated, shape (D,), ns."""
+    cursor: Indices
+    """The twist segment that each driver is in, (D,)."""
+    mutual: int
+    """1 where block 1 is the inverse of block 0."""
+    dropped: Floats
+    """Probability that the truth was among what was dropped for want of room alone, (1,)."""
+    travel: Floats
+    """How far each driver went since its heading was last split, (D,), m; backwards negative."""
+    J: Indices
+    """Scratch of a range's two rows, see `kalman.Work`, shape (2, 6)."""
+    H: Floats
+    gain: Floats
+    """(N,)."""
+    shift: Floats
+    """Scratch of `transport.carry`, (B, 2)."""
+    F: Floats
+    G: Floats
+
+
+class Past(NamedTuple):
+    """What of a bank a run that goes on has to know beside the belief (`Solution.memory`)."""
+
+    travel: Floats
+    dropped: Floats
+
+
+class Trace(NamedTuple):
+    """What a run leaves behind: one row per output, one per range (`solution.Solution`)."""
+
+    mean: Floats
+    covariance: Floats
+    share: Floats
+    residual: Floats
+    variance: Floats
+    verdict: Indices
+
+
+def make_bank(belief: Belief, problem: Problem, room: int) -> Bank:
+    """A bank at the problem's start with room for at least `room` Gaussians."""
+    K, N = belief.mean.shape
+    C, D, B = max(room, K), problem.space.first.size - 1, problem.space.who.size
+    log_weight, mean, covariance = np.zeros(C), np.zeros((C, N)), np.zeros((C, N, N))
+    log_weight[:K], mean[:K], covariance[:K] = belief
+    past = problem.memory
+    if not isinstance(past, Past):
+        past = Past(np.zeros(D), np.zeros(1))
+    return Bank(
+        log_weight, mean, covariance, np.array([K]), np.full(D, problem.start),
+        problem.segments.first[:-1].copy(), int(is_mutual(problem.space)),
+        past.dropped.copy(), past.travel.copy(),
+        np.zeros((2, 6), np.int64), np.zeros((2, 6)), np.zeros(N),
+        np.zeros((B, 2)), np.zeros((B, 2)), np.zeros((N, 2)),
+    )  # fmt: skip
+
+
+def make_trace(outputs: Outputs, ranges: RangeTable) -> Trace:
+    """Room for the rows of a run."""
+    O, M = outputs.stamp.size, ranges.stamp.size  # noqa: E741
+    return Trace(
+        np.empty((O, 3)), np.empty((O, 3, 3)), np.empty(O),
+        np.empty(M), np.empty(M), np.empty(M, np.int64),
+    )  # fmt: skip
+
+
+def belief_of(bank: Bank) -> Belief:
+    """What is in a bank."""
+    K = int(bank.alive[0])
+    return Belief(bank.log_weight[:K], bank.mean[:K], bank.covariance[:K])
+
+
+def past_of(bank: Bank) -> Past:
+    """What the next run has to know."""
+    return Past(bank.travel, bank.dropped)
+
+
+@lean
+def advance(bank: Bank, d: int, until: int, segments: Segments, space: Space) -> None:
+    """Bring driver d of every Gaussian to the time `until` (ns) through its twist segments."""
+    while bank.time[d] < until:
+        s = bank.cursor[d]
+        if s >= segments.first[d + 1]:
+            bank.time[d] = until
+            return
+        stop = min(until, segments.end[s])
+        dt, v, omega = (stop - bank.time[d]) * 1e-9, segments.v[s], segments.omega[s]
+        q_v, q_w = (
+            segments.interval[s] * segments.var_v[s],
+            segments.interval[s] * segments.var_omega[s],
+        )
+        for k in range(bank.alive[0]):
+            carry(
+                bank.mean[k], bank.covariance[k], bank.F, bank.G, bank.shift, space, d,
+                v, omega, dt, q_v, q_w,
+            )  # fmt: skip
+        bank.travel[d] += v * dt
+        bank.time[d] = stop
+        if stop == segments.end[s]:
+            bank.cursor[d] = s + 1
+
+
+@lean
+def bring(bank: Bank, i: int, until: int, segments: Segments, space: Space, whole: bool) -> None:
+    """Bring block i (none if negative) to a time: its robot and, for the `whole`, its base."""
+    if i >= 0:
+        advance(bank, space.who[i], until, segments, space)
+        if whole and space.base[i] >= 0:
+            advance(bank, space.base[i], until, segments, space)
+
+
+@lean
+def look(x: Floats, lever: Floats, ranges: RangeTable, m: int, J: Indices, H: Floats) -> float:
+    """Distance of range m at x; the gradients along and across the line of sight to J, H."""
+    a, b = ranges.a[m], ranges.b[m]
+    h = predict_range(x, lever, a, b, ranges.anchor[m, 0], ranges.anchor[m, 1], J, H, 0)
+    first = 0 if a >= 0 else 3
+    sign = 1.0 if a >= 0 else -1.0
+    tx, ty = -sign * H[0, first + 1], sign * H[0, first]
+    for end in range(2):
+        i, s, e = (a, 1.0, 0) if end == 0 else (b, -1.0, 3)
+        free = 1.0 if i >= 0 else 0.0
+        H[TANGENT, e], H[TANGENT, e + 1], H[TANGENT, e + 2] = s * free * tx, s * free * ty, 0.0
+        for c in range(3):
+            J[TANGENT, e + c] = J[0, e + c]
+        if i >= 0:
+            _, _, dx, dy = antenna(x[3 * i], x[3 * i + 1], x[3 * i + 2], lever[i, 0], lever[i, 1])
+            H[TANGENT, e + 2] = s * (tx * dx + ty * dy)
+    return h
+
+
+@lean
+def correct(x: Floats, P: Floats, J: Indices, H: Floats, g: Floats, r: float, S: float) -> None:
+    """Fuse the range in row 0 of J, H with residual r of variance S, in place; g is scratch."""
+    project(P, J, H, 0, g)
+    scale = 1.0 / math.sqrt(S)
+    for i in range(g.size):
+        g[i] *= scale
+        x[i] += g[i] * r * scale
+    for i in range(g.size):
+        for j in range(g.size):
+            P[i, j] -= g[i] * g[j]
+
+
+@lean
+def normalize(log_weight: Floats, count: int) -> None:
+    """Make the first `count` weights sum to one, in place."""
+    top = -math.inf
+    for k in range(count):
+        top = max(top, log_weight[k])
+    total = 0.0
+    for k in range(count):
+        total += math.exp(log_weight[k] - top)
+    for k in range(count):
+        log_weight[k] -= top + math.log(total)
+
+
+@lean
+def fuse(bank: Bank, lever: Floats, ranges: RangeTable, m: int, gate: float, trace: Trace) -> None:
+    """Fuse range m into every Gaussian, with its curvature to second order, and weigh them by it.
+
+    A Gaussian of width s across the line of sight sees h + s^2 / 2h with s^4 / 2h^2 more variance.
+    """
+    J, H = bank.J, bank.H
+    mean, square, used = 0.0, 0.0, 0.0
+    for k in range(bank.alive[0]):
+        x, P = bank.mean[k], bank.covariance[k]
+        if bank.mutual == 1:
+            tie(x, P)
+        h = look(x, lever, ranges, m, J, H)
+        across = max(projected_variance(P, J, H, TANGENT), 0.0)
+        bend = across / (2.0 * max(h, math.sqrt(across) + 1e-9))
+        r = ranges.range[m] - h - bend
+        spread = projected_variance(P, J, H, 0) + 2.0 * bend * bend
+        S, S_gate = spread + ranges.weight_variance[m], spread + ranges.variance[m]
+        if not (S > 0.0 and S_gate > 0.0 and math.isfinite(r)):
+            bank.log_weight[k] -= BROKEN
+            continue
+        w = math.exp(bank.log_weight[k])
+        mean += w * r
+        square += w * (S_gate + r * r)
+        inside = gate <= 0.0 or r * r <= gate * S_gate
+        if inside:
+            used += w
+            correct(x, P, J, H, bank.gain, r, S)
+            if bank.mutual == 1:
+                tie(x, P)
+        nis = r * r / S if inside else gate
+        bank.log_weight[k] -= 0.5 * (math.log(2.0 * math.pi * S) + nis)
+    trace.residual[m], trace.variance[m] = mean, square - mean * mean
+    trace.verdict[m] = USED if used >= 0.5 else REJECTED
+    if not trace.variance[m] > 0.0:
+        trace.residual[m], trace.variance[m] = 0.0, ranges.variance[m]
+    normalize(bank.log_weight, bank.alive[0])

@@ -1,0 +1,1 @@
+"""Shi: multidimensional scaling at standstill and headings from straight drives."""

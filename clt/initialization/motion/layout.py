@@ -1,0 +1,332 @@
+"""Positions of robots that stand still, from their mean distances.
+
+Shi's cost L(p) = sum (d_ij - |p_i - p_j|)^2, weighted, from a start by multidimensional scaling.
+It has no gauge of its own (errata): either some positions are known, or the first node is put at
+the origin and the second on the +x axis. The mirror image of the whole at the line of two nodes
+fits equally: what comes back has the node furthest from that line on its left. Whatever else the
+distances leave possible, such as mirror images of parts, comes back beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.special import chdtri
+
+from clt.core.recording import Floats
+from clt.initialization.motion.initial_guesses import RESTARTS, shaken, starts
+from clt.initialization.motion.lines import on_one_line, widest_pair
+from clt.initialization.motion.places import DISTINCT
+from clt.initialization.motion.realizations import SAME, Nodes, realizations, spread
+from clt.initialization.pair_distances import Pairs
+
+RIGID = 1e-9
+"""Smallest eigenvalue of a rigid layout's normal matrix, as a share of the largest."""
+
+
+POSSIBLE = 1e-4
+"""Probability below which another layout is no alternative."""
+
+
+@dataclass(frozen=True)
+class Other:
+    """Another layout that fits nearly as well."""
+
+    position: Floats
+    """(n, 2), m."""
+    covariance: Floats
+    """(2n, 2n), m^2."""
+    probability: float
+
+
+@dataclass(frozen=True)
+class Layout:
+    """n positions and how well they are known."""
+
+    position: Floats
+    """(n, 2), m."""
+    covariance: Floats
+    """(2n, 2n), m^2, of x0, y0, x1, ...; zero where the frame holds a coordinate."""
+    residual: Floats
+    """Measured minus laid out, one per pair, m."""
+    used: NDArray[np.bool_]
+    """Pairs that are no outliers."""
+    rigid: NDArray[np.bool_]
+    """(n,): the distances determine this position, up to mirror images."""
+    probability: float = 1.0
+    """Of this layout among the `others`, which differ by more than a mirror image of the whole."""
+    others: tuple[Other, ...] = ()
+    """The most probable first."""
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """Pairs and the coordinates that are free to move."""
+
+    pairs: Pairs
+    free: NDArray[np.bool_]
+    """(n, 2)."""
+    fixed: Floats
+    """(n, 2), used where not free."""
+
+    def place(self, parameters: Floats) -> Floats:
+        position = self.fixed.copy()
+        position[self.free] = parameters
+        return position
+
+    def nodes(self, known: Mapping[int, Floats]) -> Nodes:
+        return Nodes(self.pairs, self.free, len(known) > 0)
+
+    def residual(self, parameters: Floats) -> Floats:
+        """(|p_a - p_b| - d) / sigma, shape (m,)."""
+        p = self.place(parameters)
+        pairs = self.pairs
+        h = np.hypot(*(p[pairs.a] - p[pairs.b]).T)
+        return np.asarray((h - pairs.distance) / pairs.sigma)
+
+    def jacobian(self, parameters: Floats) -> Floats:
+        """Of `residual`, shape (m, free)."""
+        p = self.place(parameters)
+        pairs, rows = self.pairs, np.arange(self.pairs.a.size)
+        d = p[pairs.a] - p[pairs.b]
+        e = d / (np.maximum(np.hypot(*d.T), 1e-9) * pairs.sigma)[:, None]
+        J = np.zeros((rows.size, *self.free.shape))
+        J[rows, pairs.a] = e
+        J[rows, pairs.b] = -e
+        return J[:, self.free]
+
+
+def lay_out(pairs: Pairs, n: int, known: Mapping[int, Floats]) -> Layout:
+    """Positions of n nodes from mean distances between them.
+
+    `known` positions (2,) hold the frame; with fewer than two of them it is Shi's, of nodes 0
+    and 1. Single contradicting distances are left out where the others suffice to tell.
+    """
+    known = known if len(known) >= 2 else {}
+    problem = _problem(pairs, n, known)
+    guesses = starts(pairs, n, known)
+    best = min((_fit(problem, start) for start in guesses), key=_cost)
+    used = np.ones(pairs.a.size, np.bool_)
+    sparse = pairs.a.size < n * (n - 1) // 2
+    found = _realizations(problem, best, known, sparse)
+    best = (found[0][0][problem.free], found[0][1])
+    if _contradictory(problem, best):
+        more = [shaken(start, k) for start in guesses for k in range(RESTARTS)]
+        best = min([best, *(_fit(problem, start) for start in more)], key=_cost)
+        if _contradictory(problem, best):
+            robust = min((_fit(problem, s, robust=True) for s in (*guesses, *more)), key=_cost)
+            best, used = _without_outliers(problem, best, problem.place(robust[0]))
+            problem = replace(problem, pairs=_select(pairs, used))
+            found = _realizations(problem, best, known, sparse)
+    return _layout(pairs, used, problem, found, known)
+
+
+def _realizations(
+    problem: _Problem, best: tuple[Floats, float], known: Mapping[int, Floats], sparse: bool
+) -> list[tuple[Floats, float]]:
+    """All layouts that are possible, from one of them; those that move loose nodes only are one."""
+    rigid = _covariance(problem, *best)[2]
+    return realizations(problem.nodes(known), problem.place(best[0]), rigid, sparse)
+
+
+def _layout(
+    pairs: Pairs,
+    used: NDArray[np.bool_],
+    problem: _Problem,
+    found: list[tuple[Floats, float]],
+    known: Mapping[int, Floats],
+) -> Layout:
+    """The best of the layouts that were found, with those that are clearly another one.
+
+    Others that lie within its noise widen its covariance.
+    """
+    refined = [_fit(problem, position) for position, _ in found]
+    refined.sort(key=_cost)
+    scale = spread(problem.nodes(known), refined[0][1])
+    weight = np.exp(-0.5 * (np.array([cost for _, cost in refined]) - refined[0][1]) / scale)
+    position, covariance, rigid = _covariance(problem, *refined[0])
+    if len(known) == 0:
+        position, covariance = _conventional(position, covariance)
+    others: list[Other] = []
+    wide, total = covariance * weight[0], weight[0]
+    for parameters, w in zip(refined[1:], weight[1:].tolist(), strict=True):
+        own, P, _ = _covariance(problem, *parameters)
+        own, P = min(_images(own, P, known), key=lambda image: _off(image[0], position, rigid))
+        seen = [position, *(other.position for other in others)]
+        if any(_off(own, one, rigid)[0] == 0 for one in seen):
+            continue
+        off = np.where(rigid, np.hypot(*(own - position).T), 0.0)
+        if (off > noise_of(covariance, P)).any():
+            others.append(Other(own, P, w))
+        else:
+            e = np.where(rigid[:, None], own - position, 0.0).ravel()
+            wide, total = wide + w * (P + np.outer(e, e)), total + w
+    everything = total + sum(other.probability for other in others)
+    likely = tuple(
+        replace(other, probability=other.probability / everything)
+        for other in others
+        if other.probability > POSSIBLE * everything
+    )
+    left = pairs.distance - np.hypot(*(position[pairs.a] - position[pairs.b]).T)
+    best = float(total / everything)
+    return Layout(position, wide / total, left, used, rigid, best, likely)
+
+
+def noise_of(P: Floats, Q: Floats) -> Floats:
+    """Distance (n,) up to which places of covariances (2n, 2n) may be the same, m."""
+    variance = P.diagonal() + Q.diagonal()
+    return np.asarray(DISTINCT + 3.0 * np.sqrt(variance.reshape(-1, 2).sum(axis=1)))
+
+
+def _off(position: Floats, other: Floats, rigid: NDArray[np.bool_]) -> tuple[int, float]:
+    """How many nodes are elsewhere, and how far all of them together, m."""
+    off = np.hypot(*(position - other)[rigid].T)
+    return int(np.sum(off > SAME)), float(np.sum(off))
+
+
+def _images(
+    position: Floats, covariance: Floats, known: Mapping[int, Floats]
+) -> list[tuple[Floats, Floats]]:
+    """A layout and, where the frame allows it, its mirror image."""
+    places = list(known.values())
+    if len(places) > 0 and not on_one_line(places):
+        return [(position, covariance)]
+    a, b = widest_pair(places) if len(places) > 0 else (np.zeros(2), np.array([1.0, 0.0]))
+    flip = np.kron(np.eye(len(position)), mirrored(np.eye(2), np.zeros(2), b - a))
+    return [(position, covariance), (mirrored(position, a, b), flip @ covariance @ flip)]
+
+
+def mirrored(position: Floats, a: Floats, b: Floats) -> Floats:
+    """Positions (..., 2) reflected at the line through the points a and b (2,)."""
+    along = (b - a) / np.hypot(*(b - a))
+    d = position - a
+    return np.asarray(a + 2.0 * (d @ along)[..., None] * along - d)
+
+
+def _problem(pairs: Pairs, n: int, known: Mapping[int, Floats]) -> _Problem:
+    free, fixed = np.ones((n, 2), np.bool_), np.zeros((n, 2))
+    for node, position in known.items():
+        free[node], fixed[node] = False, position
+    if len(known) == 0:
+        free[0], free[1, 1] = False, False
+    return _Problem(pairs, free, fixed)
+
+
+def _fit(problem: _Problem, start: Floats, robust: bool = False) -> tuple[Floats, float]:
+    """Parameters of a local minimum and their cost (the sum of squares, or its robust form)."""
+    if not problem.free.any():
+        return np.empty(0), float(np.sum(problem.residual(np.empty(0)) ** 2))
+    tolerance = 1e-6 if robust else 1e-12
+    with np.errstate(divide="ignore", invalid="ignore"):  # where a coordinate is free to move
+        found = least_squares(
+            problem.residual,
+            start[problem.free],
+            jac=problem.jacobian,
+            loss="cauchy" if robust else "linear",
+            f_scale=2.0 if robust else 1.0,
+            x_scale="jac" if robust else 1.0,
+            xtol=tolerance,
+            ftol=tolerance,
+            gtol=tolerance,
+        )
+    return np.asarray(found.x), 2.0 * float(found.cost)
+
+
+def _without_outliers(
+    problem: _Problem, best: tuple[Floats, float], other: Floats
+) -> tuple[tuple[Floats, float], NDArray[np.bool_]]:
+    """The fit without as few distances as make the rest agree; with all of them if none do.
+
+    One after the other, that one is left out whose absence helps most, from two starts; where
+    several would make the rest agree, the one that is off by least. At most half as many as there
+    are more distances than unknowns: agreement must mean something.
+    """
+    everything = np.ones(problem.pairs.a.size, np.bool_)
+    used, fit = everything.copy(), best
+    for _ in range((used.size - int(problem.free.sum())) // 2):
+        trials, agreeing = [], []
+        for k in np.flatnonzero(used):
+            rest = used.copy()
+            rest[k] = False
+            kept = replace(problem, pairs=_select(problem.pairs, rest))
+            if _well_posed(kept, fit[0]):
+                found = min((_fit(kept, s) for s in (problem.place(fit[0]), other)), key=_cost)
+                trials.append((found[1], rest, found))
+                if not _contradictory(kept, found):
+                    off = abs(float((problem.residual(found[0]) * problem.pairs.sigma)[k]))
+                    agreeing.append((off, rest, found))
+        if len(trials) == 0:
+            break
+        _, used, fit = min(agreeing or trials, key=lambda trial: trial[0])
+        if len(agreeing) > 0:
+            return fit, used
+    return best, everything
+
+
+def _cost(found: tuple[Floats, float]) -> float:
+    return found[1]
+
+
+def _contradictory(problem: _Problem, found: tuple[Floats, float], chance: float = 0.001) -> bool:
+    """The distances miss their best layout by more than chance would."""
+    freedom = problem.pairs.a.size - int(problem.free.sum())
+    return freedom > 0 and found[1] > float(chdtri(freedom, chance))
+
+
+def _select(pairs: Pairs, used: NDArray[np.bool_]) -> Pairs:
+    return Pairs(pairs.a[used], pairs.b[used], pairs.distance[used], pairs.sigma[used])
+
+
+def _well_posed(problem: _Problem, parameters: Floats) -> bool:
+    """More distances than unknowns, and all of them needed."""
+    J = problem.jacobian(parameters)
+    return bool(J.shape[0] > J.shape[1] and np.linalg.matrix_rank(J) == J.shape[1])
+
+
+def _covariance(
+    problem: _Problem, parameters: Floats, cost: float
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Positions, their covariance (inverse normal matrix) and which of them are determined.
+
+    Distances that contradict each other beyond chance widen it by what they are off.
+    """
+    n = problem.free.shape[0]
+    position, covariance = problem.place(parameters), np.zeros((2 * n, 2 * n))
+    if parameters.size == 0:
+        return position, covariance, np.ones(n, np.bool_)
+    J = problem.jacobian(parameters)
+    inverse, rigid = _inverse(J, problem.free)
+    off = 1.0
+    if _contradictory(problem, (parameters, cost), 0.01):
+        off = cost / (J.shape[0] - J.shape[1])
+    slots = np.flatnonzero(problem.free.ravel())
+    covariance[np.ix_(slots, slots)] = off * inverse
+    # Stretched to a line, a mechanism looks stiff: it must be rigid around there, too.
+    nearby = shaken(position, RESTARTS // 3)[problem.free]
+    return position, covariance, rigid & _inverse(problem.jacobian(nearby), problem.free)[1]
+
+
+def _inverse(J: Floats, free: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.bool_]]:
+    """Pseudo-inverse of J^T J, and the nodes (n,) that none of its free directions moves."""
+    values, vectors = np.linalg.eigh(J.T @ J)
+    loose = values <= RIGID * max(float(values[-1]), 1e-12)
+    inverse = np.where(loose, 0.0, 1.0 / np.where(loose, 1.0, values))
+    swing = np.zeros(free.shape)
+    swing[free] = np.sum(vectors[:, loose] ** 2, axis=1)
+    return (vectors * inverse) @ vectors.T, swing.sum(axis=1) < 1e-6
+
+
+def _conventional(position: Floats, covariance: Floats) -> tuple[Floats, Floats]:
+    """Second node on the +x axis, the node furthest from the axis on its left."""
+    sign = np.ones_like(position)
+    if position[1, 0] < 0.0:
+        sign *= -1.0
+    furthest = int(np.argmax(np.abs(position[:, 1])))
+    if position[furthest, 1] * sign[furthest, 1] < 0.0:
+        sign[:, 1] *= -1.0
+    flips = sign.ravel()
+    return position * sign + 0.0, covariance * np.outer(flips, flips)

@@ -1,0 +1,32 @@
+"""Points on a line: what a mirror image of a layout leaves where it is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clt.core.recording import Floats
+
+FLAT = 0.05
+"""Static robots closer than this to one line, as a share of its length, are on it."""
+
+
+def widest_pair(points: list[Floats]) -> tuple[Floats, Floats]:
+    """The two points that lie furthest apart."""
+    p = np.array(points)
+    d = np.hypot(*np.moveaxis(p[:, None] - p[None, :], -1, 0))
+    i, j = np.unravel_index(int(np.argmax(d)), d.shape)
+    return p[min(i, j)], p[max(i, j)]
+
+
+def on_one_line(points: list[Floats]) -> bool:
+    """No point is off the line of the two furthest apart by more than FLAT of its length."""
+    a, b = widest_pair(points)
+    length = float(np.hypot(*(b - a)))
+    off = [abs((b - a)[0] * (p - a)[1] - (b - a)[1] * (p - a)[0]) / length for p in points]
+    return bool(max(off) <= FLAT * length)
+
+
+def apart(points: list[Floats]) -> bool:
+    """The points do not all coincide."""
+    a, b = widest_pair(points)
+    return bool(np.hypot(*(b - a)) > 1e-6)

@@ -1,0 +1,247 @@
+"""Initial poses from the log's own ranges and odometry (`--init motion`): no truth in the loop.
+
+Shi's motion-induced initialization, carried further: a frame from a layout of what stands still,
+a bank of headings and sides for every moving robot, and the team's ranges to weigh what remains.
+Pairs whose ranges contradict all others are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from clt.core.errors import CltError
+from clt.core.recording import WORLD, Floats, Recording
+from clt.initialization.motion.conflicting_pairs import suspects
+from clt.initialization.motion.frame import Frame, Survey, survey
+from clt.initialization.motion.lines import on_one_line
+from clt.initialization.motion.robot_status import (
+    ambiguous,
+    settled_robots,
+    standing_robot,
+    static_robots,
+)
+from clt.initialization.motion.search import Search, same_pose, search
+from clt.initialization.motion.standstill import standstill
+from clt.initialization.motion.static import from_static
+from clt.initialization.motion.team import Combination, Settled, Verdict, judge_team, settle
+from clt.initialization.pair_distances import without
+from clt.initialization.start_time import beginning
+from clt.initialization.status import Initialization, RobotStatus, unobservable
+from clt.model.settings import FilterSettings
+
+CERTAIN = 0.9999
+"""Probability from which a pose is taken; below it the robot is ambiguous."""
+BAD_NIS = 4.0
+"""Mean NIS beyond which ranges and odometry contradict each other."""
+BY_RANGES = (
+    "ranges do not distinguish this frame from its mirror image: taken is the one in which "
+    "positive omega turns counter-clockwise; three surveyed robots off one line would decide"
+)
+ON_A_LINE = (
+    "the frame rests on {} alone: its mirror image at their line and, with their positions "
+    "exchanged, a world turned by half fit the ranges as well; taken are the positions as given "
+    "and the side on which positive omega turns counter-clockwise; a third surveyed robot off "
+    "their line or one known heading would decide"
+)
+REMEDY = (
+    "calibrate ranges and odometry, or check noise.sigma_range, noise.sigma_v and "
+    "noise.sigma_omega, or give poses in a TOML file (--init FILE)"
+)
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """What the ranges of a recording say about the start."""
+
+    recording: Recording
+    """Without the pairs that are left out."""
+    survey: Survey
+    searches: Mapping[str, Search] = field(default_factory=dict)
+    verdict: Verdict | None = None
+    """None where no robot has a possible pose."""
+    frame: Frame | None = None
+    """Of the robots whose pose is certain; None where there are none."""
+    settled: Settled | None = None
+    """Their joint poses; None likewise."""
+
+    @property
+    def chosen(self) -> Combination:
+        """The robots whose pose is certain."""
+        if self.verdict is None or self.settled is None:
+            return {}
+        return {n: c for n, c in self.verdict.best.items() if n in self.settled.names}
+
+    @property
+    def possible(self) -> tuple[tuple[Frame, float], ...]:
+        """Frames that remain possible and their probabilities, the chosen one first."""
+        frames = self.survey.frames
+        if self.verdict is None:
+            found = [(frame, float(np.exp(frame.log_weight))) for frame in frames]
+        else:
+            found = [(frames[i], p) for i, p in self.verdict.frames.items()]
+        return tuple(sorted(found, key=lambda one: (one[0] is not self.frame, -one[1])))
+
+
+def from_motion(recording: Recording, settings: FilterSettings) -> Initialization:
+    """Initialize every moving robot that has odometry, at the instant when most of them have.
+
+    A team that is static throughout is laid out by its ranges. Raises CltError where moving robots
+    have no odometry at all.
+    """
+    team = recording.team
+    if len(team.moving) == 0 and len(team.static) > 0:
+        return from_static(recording, settings)
+    moving = [robot.name for robot in team.moving if robot.name in recording.odometry]
+    if len(moving) == 0:
+        raise CltError("no moving robot has odometry: there is nothing to initialize")
+    when = beginning(recording, moving)
+    still = {name: standstill(recording, name, when.stamp, settings) for name in when.names}
+    tried, notes, doubt = agreed(recording, when.stamp, still, settings)
+    found = tried.survey
+    robots = {robot.name: unobservable("no odometry") for robot in team.moving}
+    robots |= {name: unobservable(why) for name, why in when.absent.items()}
+    robots |= static_robots(team, found, tried.possible)
+    robots |= {name: unobservable(found.why) for name in when.names}
+    if len(found.frames) > 0:
+        robots |= statuses(tried, doubt)
+    surveyed = len(found.frames) > 0 and found.frames[0].surveyed
+    ordered = {robot.name: robots[robot.name] for robot in team.robots}
+    said = (*when.notes, *found.notes, *notes)
+    frame = team.frame if surveyed else WORLD
+    assumed = mirror_taken(tried)
+    return Initialization(when.stamp, surveyed, ordered, said, frame=frame, assumed=assumed)
+
+
+def mirror_taken(tried: Attempt) -> tuple[str, ...]:
+    """By what a frame was told from its mirror image, where surveyed positions do not do that."""
+    if tried.frame is None or len(tried.chosen) == 0:
+        return ()
+    robots = tried.recording.team.static
+    known = {r.name: np.array(r.position) for r in robots if r.position is not None}
+    if not tried.frame.surveyed:
+        return (BY_RANGES,)
+    if on_one_line(list(known.values())):
+        return (ON_A_LINE.format(" and ".join(known)),)
+    return ()
+
+
+def agreed(
+    recording: Recording, begin: int, still: Mapping[str, int], settings: FilterSettings
+) -> tuple[Attempt, tuple[str, ...], str]:
+    """An attempt whose ranges agree; notes on what that took; what stays in doubt.
+
+    A pair that contradicts the others is left out where its absence, and no other suspect's, makes
+    all agree. Where robots cannot be placed without a suspect, that cannot be told.
+    """
+    tried = attempt(recording, begin, still, settings)
+    wrong = contradicting(tried)
+    if len(wrong) == 0:
+        return tried, (), overall_doubt(tried)
+    less = [attempt(without(recording, [ends]), begin, still, settings) for ends in wrong]
+    pairs = ["-".join(recording.team.names[end] for end in ends) for ends in wrong]
+    placed = [set(tried.chosen) <= set(one.chosen) for one in less]
+    agreeing = [k for k, one in enumerate(less) if placed[k] and len(contradicting(one)) == 0]
+    if len(agreeing) == 1 and all(placed):
+        one = less[agreeing[0]]
+        note = f"the ranges {pairs[agreeing[0]]} contradict the others: left out of the start"
+        return one, (note,), overall_doubt(one)
+    open_ = [pair for k, pair in enumerate(pairs) if k in agreeing or not placed[k]]
+    blame = f"those of {pairs[0]} most"
+    if len(open_) > 0:
+        blame = f"those of {' or '.join(open_)} may be biased"
+    return tried, (), f"the ranges contradict each other, {blame}: {REMEDY}"
+
+
+def contradicting(tried: Attempt) -> list[tuple[int, int]]:
+    """Pairs (team indices) that contradict the others in an attempt."""
+    return [] if tried.settled is None else suspects(tried.recording, tried.settled)
+
+
+def overall_doubt(tried: Attempt) -> str:
+    """Why ranges and odometry as a whole cannot be believed; empty where they can."""
+    nis = 1.0 if tried.settled is None else tried.settled.poses.nis
+    if nis <= BAD_NIS:
+        return ""
+    return f"ranges and odometry contradict each other (mean NIS {nis:.1f}): {REMEDY}"
+
+
+def attempt(
+    recording: Recording, begin: int, still: Mapping[str, int], settings: FilterSettings
+) -> Attempt:
+    """One pass from the layout to the joint poses."""
+    found = survey(recording, begin, min(still.values()), list(still), settings)
+    recording = without(recording, found.left_out)
+    if len(found.frames) == 0:
+        return Attempt(recording, found)
+    searches = searched(recording, found.frames, begin, still, settings)
+    open_ = {name: one for name, one in searches.items() if len(one.candidates) > 0}
+    if len(open_) == 0:
+        return Attempt(recording, found, searches)
+    span = (begin, max(one.end for one in open_.values()))
+    verdict = judge_team(recording, open_, found.frames, span, still, settings)
+    chosen = {
+        name: candidate
+        for name, candidate in verdict.best.items()
+        if verdict.shares[name][0][1] >= CERTAIN
+        and same_pose(candidate.pose, verdict.shares[name][0][0].pose)
+    }
+    if len(chosen) == 0:
+        return Attempt(recording, found, searches, verdict)
+    frame = found.frames[next(iter(chosen.values())).frame]
+    tried = Attempt(recording, found, searches, verdict, frame)
+    static = static_robots(recording.team, found, tried.possible)
+    unsure = {name for name, robot in static.items() if robot.status == "ambiguous"}
+    settled = settle(recording, chosen, frame, unsure, span, still, settings)
+    return replace(tried, settled=settled)
+
+
+def searched(
+    recording: Recording,
+    frames: tuple[Frame, ...],
+    begin: int,
+    still: Mapping[str, int],
+    settings: FilterSettings,
+) -> dict[str, Search]:
+    """Every robot by its ranges to static robots; who hears too few, by those found already."""
+    found = {name: search(recording, name, frames, begin, still, settings) for name in still}
+    while any(one.lonely for one in found.values()):
+        company = [
+            {
+                name: candidate.pose.mean
+                for name, one in found.items()
+                for candidate in one.candidates
+                if candidate.frame == i and candidate.probability >= CERTAIN
+            }
+            for i in range(len(frames))
+        ]
+        again = {
+            name: search(recording, name, frames, begin, still, settings, company)
+            for name, one in found.items()
+            if one.lonely
+        }
+        if all(one.lonely for one in again.values()):
+            break
+        found |= again
+    return found
+
+
+def statuses(tried: Attempt, doubt: str) -> dict[str, RobotStatus]:
+    """All robots that took part in an attempt; with a `doubt` no pose is more than a guess."""
+    frames, team = tried.survey.frames, tried.recording.team
+    told: dict[str, RobotStatus] = {}
+    poses: dict[str, Floats] = {}
+    if tried.verdict is not None:
+        told |= {name: ambiguous(name, tried.verdict, frames) for name in tried.verdict.shares}
+        if tried.settled is not None:
+            told |= settled_robots(tried.settled, tried.verdict, doubt)
+            poses = {name: candidate.pose.mean for name, candidate in tried.chosen.items()}
+    possible = tuple(frame for frame, _ in tried.possible)
+    told |= {
+        name: standing_robot(team.robots[team.index(name)], one.why, possible, poses)
+        for name, one in tried.searches.items()
+        if len(one.candidates) == 0
+    }
+    return told

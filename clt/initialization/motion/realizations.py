@@ -1,0 +1,171 @@
+"""Every layout that mean distances leave possible, not only the one that fits best.
+
+Where a line separates a team, so that no measured distance changes much when the nodes on one side
+are reflected at it, that part has a mirror image of its own: always where two nodes separate the
+graph of measured pairs, and within noise where several nodes lie nearly on one line. From every
+layout that is possible all such reflections are refitted, and so on until nothing new is found.
+Layouts that are no reflections (of graphs that are not redundantly rigid) are looked for from
+scattered starts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clt.core.recording import Floats
+from clt.initialization.motion.layout_minima import descend
+from clt.initialization.pair_distances import Pairs
+
+MARGIN = 20.0
+"""A layout is possible up to this much more than the least sum of squares: 2 ln of 20,000."""
+BLIND = (6.0, 30.0, 150.0)
+"""A pair does not see a reflection that changes it by less than so many standard deviations:
+refitted, such layouts may fit within one."""
+FITS, MOST, KEPT, SCATTERED = 48, 24, 64, 64
+"""Reflections that are refitted, layouts that are reflected, those that are kept, and scattered
+starts, at most."""
+SAME = 1e-3
+"""Layouts closer than this are one minimum, m."""
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """n nodes, measured pairs of them and the coordinates that are free to move."""
+
+    pairs: Pairs
+    free: NDArray[np.bool_]
+    """(n, 2). Without known positions node 0 and the y of node 1 are held at 0."""
+    anchored: bool
+    """Known positions hold the frame."""
+
+
+def realizations(
+    nodes: Nodes, first: Floats, compared: NDArray[np.bool_], scatter: bool
+) -> list[tuple[Floats, float]]:
+    """Possible layouts (n, 2) with their sums of squared residuals, the best first.
+
+    From `first` (n, 2) and, with `scatter`, from further starts around it. Layouts are one where
+    the `compared` nodes (n,) are at the same places; they may differ by a reflection of the whole.
+    """
+    begin = first[None]
+    if scatter:
+        begin = np.concatenate([begin, scattered(nodes, first)])
+    found: list[tuple[Floats, float]] = []
+    _gather(found, nodes, begin, compared)
+    done: list[Floats] = []
+    while len(done) < MOST:
+        open_ = [p for p, _ in found if _new(done, p, compared)]
+        if len(open_) == 0:
+            break
+        done.append(open_[0])
+        starts = reflections(nodes, open_[0])
+        if len(starts) > 0:
+            _gather(found, nodes, starts, compared)
+    return found[:MOST]
+
+
+def spread(nodes: Nodes, cost: float) -> float:
+    """By how much the residuals exceed their noise: 1, or the mean square of the best layout."""
+    return max(1.0, cost / max(nodes.pairs.a.size - int(nodes.free.sum()), 1))
+
+
+def scattered(nodes: Nodes, first: Floats) -> Floats:
+    """Starts (k, n, 2) all over the size of a layout."""
+    size = float(np.max(np.abs(first - first.mean(axis=0)), initial=1.0))
+    noise = np.random.default_rng(len(first)).uniform(-1.5, 1.5, (SCATTERED, *first.shape))
+    return np.where(nodes.free, first.mean(axis=0) + size * noise, first)
+
+
+def reflections(nodes: Nodes, position: Floats) -> Floats:
+    """Starts (k, n, 2): one part of a layout reflected at the line of two nodes each.
+
+    A part hangs together by pairs that would see a reflection of one of their ends.
+    """
+    pairs, n = nodes.pairs, len(position)
+    held = ~nodes.free.any(axis=1) & nodes.anchored
+    now = np.hypot(*(position[pairs.a] - position[pairs.b]).T)
+    made = [np.empty((0, n, 2))]
+    for u in range(n - 1):
+        d, ends = position - position[u], position[u + 1 :] - position[u]
+        along = ends / np.maximum(np.hypot(*ends.T), SAME)[:, None]
+        image = position[u] + 2.0 * (along @ d.T)[:, :, None] * along[:, None, :] - d
+        moved = np.hypot(*np.moveaxis(image - position, -1, 0)) > SAME
+        across = image[:, pairs.a] - position[pairs.b]
+        change = np.abs(np.hypot(across[..., 0], across[..., 1]) - now) / pairs.sigma
+        for level in BLIND:
+            part = _parts(pairs, change > level, n)
+            other, own = moved[:, None] & ~part, moved[:, None] & part
+            useful = own.any(axis=2) & other.any(axis=2) & ~(own & held).any(axis=2)
+            line, k = np.nonzero(useful)
+            made.append(np.where(part[line, k][:, :, None], image[line], position))
+    starts = np.concatenate(made)
+    cost = np.sum(_residual(pairs, starts) ** 2, axis=1)
+    order = np.argsort(cost, kind="stable")
+    _, first = np.unique(np.round(starts[order], 3), axis=0, return_index=True)
+    starts = starts[order][np.sort(first)[:FITS]]
+    return starts if nodes.anchored else _framed(starts)
+
+
+def _parts(pairs: Pairs, seeing: NDArray[np.bool_], n: int) -> NDArray[np.bool_]:
+    """Nodes of the connected parts of graphs of some pairs (l, m), shape (l, n, n).
+
+    Part k of a graph holds node k as its first, and is empty where that belongs to an earlier one.
+    """
+    reach = np.zeros((len(seeing), n, n), np.float32)
+    reach[:, pairs.a, pairs.b] = reach[:, pairs.b, pairs.a] = seeing
+    reach[:, np.arange(n), np.arange(n)] = 1.0
+    for _ in range(int(np.ceil(np.log2(max(n, 2))))):
+        reach = np.minimum(reach @ reach, 1.0)
+    first = np.argmax(reach, axis=2)
+    return np.asarray(first[:, None, :] == np.arange(n)[:, None])
+
+
+def _gather(
+    found: list[tuple[Floats, float]], nodes: Nodes, starts: Floats, compared: NDArray[np.bool_]
+) -> None:
+    """Add the possible minima that the starts (k, n, 2) lead to, and keep the best first."""
+    position, cost = minima(nodes, starts)
+    least = min([cost.min(), *(one for _, one in found)])
+    limit = least + MARGIN * spread(nodes, least)
+    for k in np.argsort(cost, kind="stable").tolist():
+        if cost[k] < limit and _new([p for p, _ in found], position[k], compared):
+            found.append((position[k], float(cost[k])))
+    found[:] = sorted((one for one in found if one[1] < limit), key=lambda one: one[1])[:KEPT]
+
+
+def _new(seen: list[Floats], position: Floats, compared: NDArray[np.bool_]) -> bool:
+    """No layout seen before has the compared nodes at the same places."""
+    if len(seen) == 0:
+        return True
+    off = np.abs(np.array(seen)[:, compared] - position[compared])
+    return bool(np.min(np.max(off, axis=(1, 2), initial=0.0)) > SAME)
+
+
+def minima(nodes: Nodes, starts: Floats) -> tuple[Floats, Floats]:
+    """Layouts (k, n, 2) that starts lead to, and their sums of squares (k,)."""
+    pairs, free = nodes.pairs, nodes.free.ravel()
+    p = starts.reshape(len(starts), -1).copy()
+    slot = np.where(free, np.cumsum(free) - 1, -1)
+    cost = descend(pairs.a, pairs.b, pairs.distance, pairs.sigma, slot, p)
+    found = p.reshape(starts.shape)
+    return found if nodes.anchored else _framed(found), cost
+
+
+def _residual(pairs: Pairs, p: Floats) -> Floats:
+    """(|p_a - p_b| - d) / sigma of layouts (k, n, 2), shape (k, m)."""
+    d = p[:, pairs.a] - p[:, pairs.b]
+    return np.asarray((np.hypot(d[..., 0], d[..., 1]) - pairs.distance) / pairs.sigma)
+
+
+def _framed(positions: Floats) -> Floats:
+    """Layouts (k, n, 2) turned so that node 0 is the origin and node 1 on the +x axis."""
+    d = positions - positions[:, :1]
+    length = np.maximum(np.hypot(d[:, 1, 0], d[:, 1, 1]), 1e-9)[:, None]
+    c, s = d[:, 1, :1] / length, d[:, 1, 1:] / length
+    x, y = d[..., 0], d[..., 1]
+    made = np.stack([c * x + s * y, c * y - s * x], axis=2)
+    made[:, 0], made[:, 1, 1] = 0.0, 0.0
+    return made

@@ -1,0 +1,95 @@
+"""The virtual heading sensor on a log: straight drives and the ranges along them.
+
+Shi, section "Motion-induced initialization"; the mathematics is in
+`clt.initialization.motion.heading`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clt.core.geometry import rotation
+from clt.core.recording import Floats, Recording, Stamps
+from clt.initialization.motion.frame import Frame
+from clt.initialization.motion.heading import bearing, track, widest
+from clt.initialization.pair_distances import range_sigma
+from clt.model.dead_reckoning import Reckoning
+from clt.model.inputs import correlated_variance, correlation_time
+from clt.model.motion_phases import measured_noise, phases, straight
+from clt.model.settings import FilterSettings
+
+BIN = 50_000_000
+"""Ranges within this time are one position for the heading sensor, ns."""
+SHORTEST_DRIVE, SHORTEST_WAY = 1.0, 0.3
+"""A straight drive that the heading sensor uses, s and m."""
+
+
+def virtual_headings(
+    recording: Recording,
+    name: str,
+    frame: Frame,
+    span: tuple[int, int],
+    settings: FilterSettings,
+    way: Reckoning,
+) -> list[Floats]:
+    """Poses (3,) at the start of `span` by the virtual heading sensor, one per side."""
+    team, odometry = recording.team, recording.odometry[name]
+    robot = team.robots[team.index(name)]
+    noise = measured_noise(odometry, robot, settings.noise)
+    for drive in phases(straight(odometry, noise), odometry, SHORTEST_DRIVE):
+        if drive.begin < span[0] or drive.end > span[1]:
+            continue
+        ends = way.at(np.array([drive.begin, drive.end]))
+        if float(np.hypot(*(ends[1] - ends[0]))) < SHORTEST_WAY:
+            continue
+        middle, distance, sigma = _binned(recording, name, frame, drive.begin, drive.end, settings)
+        if middle.size < 5:
+            continue
+        anchors = np.array(list(frame.anchors.values()))
+        poses = []
+        for side in (1.0, -1.0):
+            seen = track(anchors, distance, sigma, side)
+            found = bearing(seen.position, seen.covariance, way.at(middle))
+            if found is not None:
+                turned = rotation(found.heading) @ np.array(robot.antenna)
+                poses.append(np.append(found.origin - turned, found.heading))
+        return poses
+    return []
+
+
+def _binned(
+    recording: Recording, name: str, frame: Frame, begin: int, end: int, settings: FilterSettings
+) -> tuple[Stamps, Floats, Floats]:
+    """Bins with ranges to the two widest anchors: stamps (n,), distances and sigmas (n, k)."""
+    team, ranges = recording.team, recording.ranges
+    me = team.index(name)
+    column = np.full(len(team.robots), -1)
+    column[[team.index(anchor) for anchor in frame.anchors]] = np.arange(len(frame.anchors))
+    other = np.where(ranges.source == me, ranges.target, ranges.source)
+    rows = np.flatnonzero(
+        ((ranges.source == me) | (ranges.target == me))
+        & (ranges.stamp > begin)
+        & (ranges.stamp <= end)
+        & (column[other] >= 0)
+    )
+    k = len(frame.anchors)
+    variance = correlated_variance(
+        range_sigma(recording, settings.noise)[rows] ** 2,
+        ranges.stamp[rows],
+        other[rows],
+        correlation_time(settings.noise, team),
+    )
+    slot = (ranges.stamp[rows] - begin - 1) // BIN
+    size = int(slot.max()) + 1 if rows.size > 0 else 0
+    cell = slot * k + column[other[rows]]
+    weight = np.bincount(cell, 1.0 / variance, size * k).reshape(size, k)
+    total = np.bincount(cell, ranges.range[rows] / variance, size * k).reshape(size, k)
+    seen = weight > 0.0
+    distance = np.where(seen, total / np.where(seen, weight, 1.0), np.nan)
+    sigma = np.where(seen, 1.0 / np.sqrt(np.where(seen, weight, 1.0)), 1.0)
+    i, j = widest(np.array(list(frame.anchors.values())))
+    keep = seen[:, i] & seen[:, j]
+    count = np.maximum(np.bincount(slot, minlength=size), 1)
+    offset = np.bincount(slot, (ranges.stamp[rows] - begin).astype(np.float64), size) / count
+    stamp = begin + np.rint(offset).astype(np.int64)
+    return stamp[keep], distance[keep], sigma[keep]

@@ -1,0 +1,173 @@
+"""The first seconds of a log, laid out so that the filter can run over them many times.
+
+The state holds moving robots, then static ones of uncertain position. While a robot is known to
+stand still its odometry is replaced by zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clt.core.recording import Floats, Recording
+from clt.filters.kalman import eskf
+from clt.model.inputs import (
+    LEAST_SIGMA_OMEGA,
+    LEAST_SIGMA_V,
+    Outputs,
+    RangeTable,
+    Segments,
+    join_segments,
+    range_table,
+    robot_segments,
+    standing,
+)
+from clt.model.settings import FilterSettings, Noise
+from clt.model.unicycle import EXACT
+
+WORST = 25.0
+"""NIS beyond which a range tells no more against a hypothesis, where there is no gate."""
+NO_OUTPUTS = Outputs(np.empty(0, np.int64), np.empty(0, np.int64))
+
+
+@dataclass(frozen=True)
+class Window:
+    """Inputs of the filter from `start` on; state robots in the order of `moving`, `floating`."""
+
+    moving: tuple[str, ...]
+    floating: tuple[str, ...]
+    start: int
+    lever: Floats
+    segments: Segments
+    ranges: RangeTable
+    settings: FilterSettings
+
+    @property
+    def size(self) -> int:
+        """Length of the state."""
+        return 3 * len(self.moving) + 3 * len(self.floating)
+
+
+def cut(
+    recording: Recording,
+    moving: Sequence[str],
+    floating: Sequence[str],
+    anchors: Mapping[str, Floats],
+    still: Mapping[str, int],
+    span: tuple[int, int],
+    settings: FilterSettings,
+) -> Window:
+    """The window over `span` (ns).
+
+    `anchors` are certain positions; `still` says until when (ns) each moving robot stands.
+    """
+    team, (start, end) = recording.team, span
+    parts = []
+    for name in moving:
+        robot = team.robots[team.index(name)]
+        part, _ = robot_segments(recording.odometry[name], robot, settings.noise, start, end)
+        part = _unsure(part, settings.noise, (end - start) * 1e-9)
+        parts.append(_held(part, still.get(name, start)))
+    parts += [standing() for _ in floating]
+    state = {team.index(name): i for i, name in enumerate([*moving, *floating])}
+    table, _ = range_table(
+        recording.ranges,
+        team,
+        state,
+        {team.index(name): position for name, position in anchors.items()},
+        settings.noise,
+        start,
+        end,
+    )
+    lever = np.array([team.robots[team.index(n)].antenna for n in (*moving, *floating)], np.float64)
+    return Window(
+        tuple(moving), tuple(floating), start, lever, join_segments(parts), table, settings
+    )
+
+
+def _unsure(part: Segments, noise: Noise, seconds: float) -> Segments:
+    """Twist segments of one robot with the noise that errors of scale and bias come to.
+
+    White noise that adds up to as much over so many `seconds`, and to more before.
+    """
+    times = seconds / np.maximum(part.interval, 1e-9)
+    scale_v, scale_omega, bias = noise.lasting
+    return part._replace(
+        var_v=part.var_v + times * (scale_v * part.v) ** 2,
+        var_omega=part.var_omega + times * ((scale_omega * part.omega) ** 2 + bias**2),
+    )
+
+
+def _held(part: Segments, until: int) -> Segments:
+    """Twist segments of one robot, zero up to `until` (ns)."""
+    still = part.end <= until
+    return part._replace(
+        v=np.where(still, 0.0, part.v),
+        omega=np.where(still, 0.0, part.omega),
+        var_v=np.where(still, LEAST_SIGMA_V**2, part.var_v),
+        var_omega=np.where(still, LEAST_SIGMA_OMEGA**2, part.var_omega),
+    )
+
+
+def run(window: Window, mean: Floats, covariance: Floats) -> eskf.Run:
+    """Filter a window from a joint mean and covariance at its start."""
+    return eskf.run(
+        mean,
+        covariance,
+        window.start,
+        window.lever,
+        window.segments,
+        window.ranges,
+        NO_OUTPUTS,
+        gate=window.settings.gate,
+        form=EXACT,
+    )
+
+
+def bounded_nis(window: Window, result: eskf.Run) -> Floats:
+    """NIS of each range, cut off: however far off a range is, it may have been an outlier."""
+    worst = window.settings.gate if window.settings.gate > 0.0 else WORST
+    return np.minimum(result.residual**2 / result.variance, worst)
+
+
+def row_likelihood(window: Window, result: eskf.Run) -> Floats:
+    """Logarithm of how probable each range was, up to a constant.
+
+    A range counts for as many as it is worth where errors are correlated.
+    """
+    worth = window.ranges.variance / window.ranges.weight_variance
+    return np.asarray(-0.5 * worth * (bounded_nis(window, result) + np.log(result.variance)))
+
+
+def log_likelihood(window: Window, result: eskf.Run) -> float:
+    """Logarithm of how probable all ranges were, up to a constant."""
+    return float(np.sum(row_likelihood(window, result)))
+
+
+def mean_nis(window: Window, result: eskf.Run) -> float:
+    """Mean NIS of the ranges of a window, outliers cut off; 1 for a true model."""
+    return float(np.mean(bounded_nis(window, result)))
+
+
+def part_of(window: Window, rows: NDArray[np.bool_] | slice) -> Window:
+    """The window with some of its ranges."""
+    columns = window.ranges._asdict().items()
+    return replace(window, ranges=RangeTable(**{name: column[rows] for name, column in columns}))
+
+
+def with_memory(window: Window) -> Window:
+    """The window with a copy of every moving robot that stays where that robot was at the start.
+
+    The filter's posterior of the copies is what the whole window says about the start: a
+    fixed-point smoother.
+    """
+    count, first = len(window.moving), window.segments.first
+    return replace(
+        window,
+        floating=(*window.floating, *window.moving),
+        lever=np.concatenate([window.lever, np.zeros((count, 2))]),
+        segments=window.segments._replace(first=np.append(first, np.full(count, first[-1]))),
+    )

@@ -1,0 +1,1 @@
+"""Li: the relative pose of each pair from its ranges and odometry, by branch and bound."""

@@ -1,0 +1,274 @@
+"""How well a relative pose explains the ranges of a pair: Li's eqs. (10)-(18), put right.
+
+With q = p + R(phi) b_0 - a_0 the vector between the two antennas at the first range, in polar form
+q = d (cos theta, sin theta), the antennas are w_k = q + R (b_k - b_0) - (a_k - a_0) apart at range
+k. Residuals z_k - |w_k| have the full covariance W = R + u^T P_a u + u^T R P_b R^T u, u_k = w_k /
+|w_k|: odometry errors accumulate. The first distance d is as uncertain as every other: it is an
+unknown, solved for along with every (theta, phi).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from clt.core.recording import Floats
+from clt.jit.compiled import kernel, lean
+
+FIELDS = 15
+"""Numbers that `weigh` tells about a direction."""
+THETA, PHI, DISTANCE, COST, LOG_DET, VAR_D, G_THETA, G_PHI, H_TT, H_TP, H_PP = range(11)
+AT, BEYOND, D_THETA, D_PHI = range(11, FIELDS)
+NEAREST = 1e-3
+"""Two antennas are never closer, m."""
+SMALL, LARGE = 1e-200, 1e200
+"""A product of variances beyond these goes on as a sum of logarithms."""
+
+
+class Pair(NamedTuple):
+    """Ranges of robots i and j along their tracks, n of them."""
+
+    z: Floats
+    """Ranges (n,), m."""
+    variance: Floats
+    """Of each, m^2."""
+    a: Floats
+    """Antenna of robot i in its own frame at the start, (n, 2), m."""
+    b: Floats
+    """The same of robot j."""
+    P_a: Floats
+    """Covariance of the errors of `a`, (n, n, 2, 2), m^2."""
+    P_b: Floats
+    S_a: Floats
+    """How far the true position scatters around `a` while range k is taken, (n, 2, 2), m^2."""
+    S_b: Floats
+    S_ab: Floats
+    """Of `a` with `b`."""
+
+
+@lean
+def weigh(
+    pair: Pair,
+    theta: float,
+    phi: float,
+    d: float,
+    low: float,
+    high: float,
+    more: Floats,
+    L: Floats,
+    y: Floats,
+    out: Floats,
+) -> None:
+    """Weigh a direction and a turn (rad) with the best distance for them in low .. high (m).
+
+    All is linearized at `d` (m), and W taken there. Variances are `more` (n,) larger than those of
+    the pair, m^2. `out` (FIELDS,) receives, all as the linearization promises: the best distance;
+    the cost r^T W^-1 r of the best one without bounds, which lies BEYOND AT and moves with theta
+    and phi (D_THETA, D_PHI; m / rad); log det W; the variance of d; gradient and Hessian
+    (Gauss-Newton, d gone) of half the cost. `L` (n, n) is left with the factor of W, `y` (n, 8)
+    with residuals and derivatives by d, theta and phi, whitened, and with the lines of sight as
+    both robots see them.
+    """
+    n = pair.z.size
+    c, s = np.cos(phi), np.sin(phi)
+    e_x, e_y = np.cos(theta), np.sin(theta)
+    residuals(pair, c, s, e_x, e_y, d, L, y)
+    for k in range(n):
+        L[k, k] += more[k]
+    log_det = factor(L, n)
+    forward(L, y, n, 4)
+    rr, rd, dd, rt, rp, dt, dp, tt, tp, pp = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(n):
+        y_r, y_d, y_t, y_p = y[k, 0], y[k, 1], y[k, 2], y[k, 3]
+        rr += y_r * y_r
+        rd += y_r * y_d
+        dd += y_d * y_d
+        rt += y_r * y_t
+        rp += y_r * y_p
+        dt += y_d * y_t
+        dp += y_d * y_p
+        tt += y_t * y_t
+        tp += y_t * y_p
+        pp += y_p * y_p
+    out[THETA], out[PHI] = theta, phi
+    out[DISTANCE] = min(max(d + rd / dd, low), high)
+    out[COST], out[LOG_DET], out[VAR_D] = rr - rd * rd / dd, log_det, 1.0 / dd
+    out[G_THETA], out[G_PHI] = rt - rd * dt / dd, rp - rd * dp / dd
+    out[H_TT], out[H_TP], out[H_PP] = tt - dt * dt / dd, tp - dt * dp / dd, pp - dp * dp / dd
+    out[AT], out[BEYOND] = d, rd / dd
+    out[D_THETA], out[D_PHI] = -dt / dd, -dp / dd
+
+
+@lean
+def residuals(
+    pair: Pair,
+    c: float,
+    s: float,
+    e_x: float,
+    e_y: float,
+    d: float,
+    L: Floats,
+    y: Floats,
+) -> None:
+    """Residuals, derivatives by d, theta, phi and lines of sight into `y`, and W into `L`.
+
+    The mean range of an antenna that scatters across the line of sight is longer than that
+    between the mean positions: sqrt(|w|^2 + u_perp^T S u_perp).
+    """
+    n = pair.z.size
+    for k in range(n):
+        b_x, b_y = pair.b[k, 0] - pair.b[0, 0], pair.b[k, 1] - pair.b[0, 1]
+        r_x, r_y = c * b_x - s * b_y, s * b_x + c * b_y
+        w_x, w_y = between(pair, k, c, s, d * e_x, d * e_y)
+        apart = np.sqrt(w_x * w_x + w_y * w_y)
+        if apart > NEAREST:
+            u_x, u_y = w_x / apart, w_y / apart
+        else:
+            u_x, u_y = e_x, e_y
+        across = scatter_across(pair, k, c, s, u_x, u_y)
+        expected = np.sqrt(apart * apart + across)
+        share = apart / expected
+        y[k, 0] = pair.z[k] - expected
+        y[k, 1] = share * (u_x * e_x + u_y * e_y)
+        y[k, 2] = share * d * (u_y * e_x - u_x * e_y)
+        y[k, 3] = share * (u_y * r_x - u_x * r_y)
+        y[k, 4], y[k, 5] = u_x, u_y
+        y[k, 6], y[k, 7] = c * u_x + s * u_y, -s * u_x + c * u_y
+        L[k, k] = pair.variance[k] + 0.5 * (across / expected) ** 2
+    for k in range(n):
+        own = L[k, k]
+        u_x, u_y, v_x, v_y = y[k, 4], y[k, 5], y[k, 6], y[k, 7]
+        for m in range(k + 1):
+            P, Q = pair.P_a[k, m], pair.P_b[k, m]
+            L[k, m] = (
+                u_x * (P[0, 0] * y[m, 4] + P[0, 1] * y[m, 5])
+                + u_y * (P[1, 0] * y[m, 4] + P[1, 1] * y[m, 5])
+                + v_x * (Q[0, 0] * y[m, 6] + Q[0, 1] * y[m, 7])
+                + v_y * (Q[1, 0] * y[m, 6] + Q[1, 1] * y[m, 7])
+            )
+        L[k, k] += own
+
+
+@lean
+def between(pair: Pair, k: int, c: float, s: float, q_x: float, q_y: float) -> tuple[float, float]:
+    """w_k, from antenna to antenna at range k (m); cosine and sine of phi, and q of the first."""
+    b_x, b_y = pair.b[k, 0] - pair.b[0, 0], pair.b[k, 1] - pair.b[0, 1]
+    return (
+        q_x + c * b_x - s * b_y - pair.a[k, 0] + pair.a[0, 0],
+        q_y + s * b_x + c * b_y - pair.a[k, 1] + pair.a[0, 1],
+    )
+
+
+@lean
+def scatter_across(pair: Pair, k: int, c: float, s: float, w_x: float, w_y: float) -> float:
+    """Variance of w_k across the line of sight while range k is taken, m^2."""
+    squared = max(w_x * w_x + w_y * w_y, NEAREST * NEAREST)
+    n_x, n_y = -w_y, w_x
+    m_x, m_y = c * n_x + s * n_y, -s * n_x + c * n_y
+    return float(
+        (
+            quadratic(pair.S_a[k], n_x, n_y, n_x, n_y)
+            + quadratic(pair.S_b[k], m_x, m_y, m_x, m_y)
+            - 2.0 * quadratic(pair.S_ab[k], n_x, n_y, m_x, m_y)
+        )
+        / squared
+    )
+
+
+@lean
+def quadratic(S: Floats, a_x: float, a_y: float, b_x: float, b_y: float) -> float:
+    """a^T S b."""
+    return float(a_x * (S[0, 0] * b_x + S[0, 1] * b_y) + a_y * (S[1, 0] * b_x + S[1, 1] * b_y))
+
+
+@lean
+def factor(L: Floats, n: int) -> float:
+    """Cholesky factor of the matrix in the lower triangle, in place; log of its determinant.
+
+    The diagonal is left inverted: solves multiply instead of dividing.
+    """
+    det, log_det = 1.0, 0.0
+    for j in range(n):
+        # By columns: their elements do not wait for each other.
+        total = L[j, j]
+        for k in range(j):
+            total -= L[j, k] * L[j, k]
+        L[j, j] = 1.0 / math.sqrt(total)
+        det *= total
+        if det < SMALL or det > LARGE:
+            det, log_det = 1.0, log_det + math.log(det)
+        for i in range(j + 1, n):
+            total = L[i, j]
+            for k in range(j):
+                total -= L[i, k] * L[j, k]
+            L[i, j] = total * L[j, j]
+    return log_det + math.log(det)
+
+
+@lean
+def forward(L: Floats, y: Floats, n: int, columns: int) -> None:
+    """Solve L x = y in place for the first columns."""
+    for i in range(n):
+        for k in range(i):
+            for j in range(columns):
+                y[i, j] -= L[i, k] * y[k, j]
+        for j in range(columns):
+            y[i, j] *= L[i, i]
+
+
+@lean
+def attained(out: Floats) -> float:
+    """r^T W^-1 r at the distance AT, as `weigh` told it."""
+    return float(out[COST] + out[BEYOND] * out[BEYOND] / out[VAR_D])
+
+
+@kernel
+def descend(
+    pair: Pair,
+    theta: float,
+    phi: float,
+    d: float,
+    turns: bool,
+    L: Floats,
+    y: Floats,
+    out: Floats,
+) -> bool:
+    """Iterative weighted least squares from a pose; the last accepted `weigh` in `out`.
+
+    Gauss-Newton with Levenberg's damping where a step does not help; W follows the pose. False
+    where it has not converged. `L` and `y` may be those of a step that was refused.
+    """
+    ahead, none = np.empty(FIELDS), np.zeros(pair.z.size)
+    weigh(pair, theta, phi, max(d, NEAREST), NEAREST, np.inf, none, L, y, out)
+    damping = 1e-9
+    for _ in range(60):
+        scale = out[H_TT] + out[H_PP] + 1e-12
+        h_tt, h_pp, h_tp = out[H_TT] + damping * scale, out[H_PP] + damping * scale, out[H_TP]
+        if turns:
+            det = h_tt * h_pp - h_tp * h_tp
+            step_t = (h_pp * out[G_THETA] - h_tp * out[G_PHI]) / det
+            step_p = (h_tt * out[G_PHI] - h_tp * out[G_THETA]) / det
+        else:
+            step_t, step_p = out[G_THETA] / h_tt, 0.0
+        longest = max(abs(step_t), abs(step_p))
+        if longest > 0.3:
+            step_t, step_p = 0.3 * step_t / longest, 0.3 * step_p / longest
+        step_d = (out[BEYOND] + out[D_THETA] * step_t + out[D_PHI] * step_p) / (1.0 + damping)
+        d = min(max(out[AT] + step_d, 0.3 * out[AT], NEAREST), 3.0 * out[AT])
+        gained = step_t * out[G_THETA] + step_p * out[G_PHI] + out[BEYOND] ** 2 / out[VAR_D]
+        theta, phi = out[THETA] + step_t, out[PHI] + step_p
+        weigh(pair, theta, phi, d, NEAREST, np.inf, none, L, y, ahead)
+        if attained(ahead) <= attained(out) + 1e-9:
+            out[:] = ahead
+            damping = max(0.1 * damping, 1e-9)
+            if longest < 1e-9 or gained < 1e-10:
+                return True
+        elif gained < 1e-6:
+            return True
+        else:
+            damping = max(10.0 * damping, 1e-4)
+            if damping > 1e6:
+                return True
+    return False

@@ -1,0 +1,303 @@
+"""How x^T r and x^T W x change within a cell of relative poses, for a fixed vector x.
+
+Ranges are expanded to the second order in theta, phi and d, and lines of sight, which W turns with,
+to the first; what all higher orders may come to is bounded range by range; P <= diag of the norms
+of its rows. x is linear in a step s of the distance that it belongs to: sums over the ranges are
+kept as coefficients of 1, s and s^2, so that x may follow the distance at no cost.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from clt.core.recording import Floats
+from clt.initialization.pairwise.likelihood import (
+    AT,
+    FIELDS,
+    NEAREST,
+    PHI,
+    THETA,
+    Pair,
+    between,
+    scatter_across,
+)
+from clt.jit.compiled import kernel, lean
+
+INNER = 0.5
+"""About what distances are in the innermost part, m."""
+TINY = 1e-300
+SIZES = 7
+ARM, ROW_A, ROW_B, SIZE_A, SIZE_B, SIZE_AB, SCATTER = range(SIZES)
+X, MORE, APART, ACROSS, RANGE, U, V, TURN, PULL_A, PULL_B = 0, 1, 2, 3, 4, 5, 7, 9, 12, 14
+PLACES = 16
+"""Numbers of a range in one cell."""
+TT, TP, PP, TD, PD, DD, SPREAD, GROWTH = 4, 5, 6, 7, 8, 9, 10, 13
+SUMS = 22
+
+
+class Work(NamedTuple):
+    """Memory of one search, and what `weigh` has told last."""
+
+    L: Floats
+    """(n, n), factor of W."""
+    y: Floats
+    """(n, 8), whitened residuals and derivatives, lines of sight."""
+    out: Floats
+    """(FIELDS,)."""
+    more: Floats
+    """(n,), m^2, see `uncertain`."""
+    g: Floats
+    """(n, PLACES)."""
+    sums: Floats
+    """(2, SUMS)."""
+    sizes: Floats
+    """(n, SIZES), see `sizes_of`."""
+
+
+@kernel
+def work_for(pair: Pair) -> Work:
+    """Memory for a pair."""
+    n = pair.z.size
+    return Work(
+        np.empty((n, n)),
+        np.empty((n, 8)),
+        np.empty(FIELDS),
+        np.empty(n),
+        np.empty((n, PLACES)),
+        np.empty((2, SUMS)),
+        sizes_of(pair),
+    )
+
+
+@kernel
+def sizes_of(pair: Pair) -> Floats:
+    """What the bound needs of every range, (n, SIZES).
+
+    The way of robot j since the first range (m); sums over the rows of P_a and P_b of the blocks'
+    norms, and norms of S_a, S_b and S_ab (m^2, Frobenius).
+    """
+    n = pair.z.size
+    sizes = np.zeros((n, SIZES))
+    for k in range(n):
+        sizes[k, ARM] = np.hypot(pair.b[k, 0] - pair.b[0, 0], pair.b[k, 1] - pair.b[0, 1])
+        for m in range(n):
+            sizes[k, ROW_A] += size(pair.P_a[k, m])
+            sizes[k, ROW_B] += size(pair.P_b[k, m])
+        sizes[k, SIZE_A], sizes[k, SIZE_B] = size(pair.S_a[k]), size(pair.S_b[k])
+        sizes[k, SIZE_AB] = size(pair.S_ab[k])
+        sizes[k, SCATTER] = sizes[k, SIZE_A] + sizes[k, SIZE_B] + 2.0 * sizes[k, SIZE_AB]
+    return sizes
+
+
+@lean
+def size(S: Floats) -> float:
+    """Frobenius norm of a matrix (2, 2)."""
+    return float(np.sqrt(S[0, 0] ** 2 + S[0, 1] ** 2 + S[1, 0] ** 2 + S[1, 1] ** 2))
+
+
+@lean
+def uncertain(
+    pair: Pair, work: Work, theta: float, phi: float, d: float, h_t: float, h_p: float
+) -> None:
+    """Variances (m^2, into work.more) about as large as what W gains at most in a cell.
+
+    An x that belongs to W with these is less at the mercy of how W turns.
+    """
+    more, sizes = work.more, work.sizes
+    c, s = np.cos(phi), np.sin(phi)
+    for k in range(pair.z.size):
+        w_x, w_y = between(pair, k, c, s, d * np.cos(theta), d * np.sin(theta))
+        moved = d * h_t + sizes[k, ARM] * h_p + INNER
+        angle = rotated(np.sqrt(w_x * w_x + w_y * w_y), moved)
+        more[k] = sizes[k, ROW_A] * angle * angle + sizes[k, ROW_B] * (angle + h_p) * (angle + h_p)
+
+
+@lean
+def prepare(pair: Pair, work: Work, step: float, t: float, p: float) -> None:
+    """Everything about x that does not depend on how large the cell is, for x and what it gains.
+
+    x belongs to the pose `step` (m), t and p (rad) from the center; MORE is what it gains with a
+    step of 1 m more. `sums` are x^T of residuals, of their derivatives, and of second derivatives
+    of the ranges; and, from `pull`, x^T W x with its derivatives, which are quadratic in x.
+    """
+    n = pair.z.size
+    L, y, out, g, sums = work.L, work.y, work.out, work.g, work.sums
+    for i in range(SUMS):
+        sums[0, i], sums[1, i] = 0.0, 0.0
+    for k in range(n):
+        z = y[k, 0] - y[k, 1] * step - y[k, 2] * t - y[k, 3] * p
+        g[k, X], g[k, MORE] = z, -y[k, 1]
+        for i in range(4):
+            sums[0, i] += z * y[k, i]
+            sums[1, i] -= y[k, 1] * y[k, i]
+    for i in range(n - 1, -1, -1):
+        total, more = g[i, X], g[i, MORE]
+        for k in range(i + 1, n):
+            total -= L[k, i] * g[k, X]
+            more -= L[k, i] * g[k, MORE]
+        g[i, X], g[i, MORE] = total * L[i, i], more * L[i, i]
+    c, s = np.cos(out[PHI]), np.sin(out[PHI])
+    e_x, e_y = np.cos(out[THETA]), np.sin(out[THETA])
+    d = out[AT]
+    for k in range(n):
+        b_x, b_y = pair.b[k, 0] - pair.b[0, 0], pair.b[k, 1] - pair.b[0, 1]
+        r_x, r_y = c * b_x - s * b_y, s * b_x + c * b_y
+        w_x, w_y = between(pair, k, c, s, d * e_x, d * e_y)
+        apart = np.sqrt(w_x * w_x + w_y * w_y)
+        by_apart = 1.0 / apart if apart > NEAREST else 0.0
+        o_x, o_y = (w_x * by_apart, w_y * by_apart) if apart > NEAREST else (e_x, e_y)
+        across = scatter_across(pair, k, c, s, o_x, o_y)
+        f = np.sqrt(apart * apart + across) + TINY
+        by_f = 1.0 / f
+        g[k, APART], g[k, ACROSS], g[k, RANGE] = apart, across, f
+        g[k, U], g[k, U + 1] = o_x, o_y
+        g[k, V], g[k, V + 1] = c * o_x + s * o_y, -s * o_x + c * o_y
+        # How the line of sight turns with theta, phi and d.
+        g[k, TURN] = d * (o_x * e_x + o_y * e_y) * by_apart
+        g[k, TURN + 1] = (o_x * r_x + o_y * r_y) * by_apart
+        g[k, TURN + 2] = (o_x * e_y - o_y * e_x) * by_apart
+        # f_ij = u^T w_ij + (w_i^T w_j - (u^T w_i) (u^T w_j)) / f, u = w / f
+        u_x, u_y = o_x * apart * by_f, o_y * apart * by_f
+        u_t, u_p, u_d = d * (u_y * e_x - u_x * e_y), u_y * r_x - u_x * r_y, u_x * e_x + u_y * e_y
+        tt = (d * d - u_t * u_t) * by_f - d * u_d
+        tp = (d * (e_x * r_x + e_y * r_y) - u_t * u_p) * by_f
+        pp = (b_x * b_x + b_y * b_y - u_p * u_p) * by_f - (u_x * r_x + u_y * r_y)
+        td = (u_y * e_x - u_x * e_y) - u_t * u_d * by_f
+        pd = (e_y * r_x - e_x * r_y - u_p * u_d) * by_f
+        dd = (1.0 - u_d * u_d) * by_f
+        for i in range(2):
+            weight = g[k, X + i]
+            sums[i, TT] += weight * tt
+            sums[i, TP] += weight * tp
+            sums[i, PP] += weight * pp
+            sums[i, TD] += weight * td
+            sums[i, PD] += weight * pd
+            sums[i, DD] += weight * dd
+        now = across * across / (apart * apart + across + TINY)
+        variance = pair.variance[k] + 0.5 * now
+        sums[0, SPREAD] += variance * g[k, X] * g[k, X]
+        sums[0, SPREAD + 1] += 2.0 * variance * g[k, X] * g[k, MORE]
+        sums[0, SPREAD + 2] += variance * g[k, MORE] * g[k, MORE]
+
+
+@lean
+def pull(pair: Pair, g: Floats, sums: Floats) -> None:
+    """What odometry's errors add to x^T W x, and how that grows as lines of sight turn."""
+    n = pair.z.size
+    for k in range(n):
+        a_x, a_y, b_x, b_y = 0.0, 0.0, 0.0, 0.0
+        A_x, A_y, B_x, B_y = 0.0, 0.0, 0.0, 0.0
+        for m in range(n):
+            P, Q = pair.P_a[k, m], pair.P_b[k, m]
+            p_x, p_y = (
+                P[0, 0] * g[m, U] + P[0, 1] * g[m, U + 1],
+                P[1, 0] * g[m, U] + P[1, 1] * g[m, U + 1],
+            )
+            q_x, q_y = (
+                Q[0, 0] * g[m, V] + Q[0, 1] * g[m, V + 1],
+                Q[1, 0] * g[m, V] + Q[1, 1] * g[m, V + 1],
+            )
+            a_x += p_x * g[m, X]
+            a_y += p_y * g[m, X]
+            b_x += q_x * g[m, X]
+            b_y += q_y * g[m, X]
+            A_x += p_x * g[m, MORE]
+            A_y += p_y * g[m, MORE]
+            B_x += q_x * g[m, MORE]
+            B_y += q_y * g[m, MORE]
+        u_x, u_y, v_x, v_y = g[k, U], g[k, U + 1], g[k, V], g[k, V + 1]
+        g[k, PULL_A] = np.sqrt(a_x * a_x + a_y * a_y)
+        g[k, PULL_A + 1] = np.sqrt(A_x * A_x + A_y * A_y)
+        g[k, PULL_B] = np.sqrt(b_x * b_x + b_y * b_y)
+        g[k, PULL_B + 1] = np.sqrt(B_x * B_x + B_y * B_y)
+        x, more = g[k, X], g[k, MORE]
+        along, along_more = (
+            u_x * a_x + u_y * a_y + v_x * b_x + v_y * b_y,
+            u_x * A_x + u_y * A_y + v_x * B_x + v_y * B_y,
+        )
+        add_quadratic(sums, SPREAD, 1.0, x, more, along, along_more)
+        by_b, by_b_more = v_x * b_y - v_y * b_x, v_x * B_y - v_y * B_x
+        by, by_more = u_x * a_y - u_y * a_x + by_b, u_x * A_y - u_y * A_x + by_b_more
+        for i in range(3):
+            add_quadratic(sums, GROWTH + 3 * i, 2.0 * g[k, TURN + i], x, more, by, by_more)
+        add_quadratic(sums, GROWTH + 3, -2.0, x, more, by_b, by_b_more)
+
+
+@lean
+def add_quadratic(
+    sums: Floats, at: int, factor: float, x: float, more: float, a: float, a_more: float
+) -> None:
+    """Add factor (x + s more) (a + s a_more) to the coefficients of 1, s and s^2."""
+    sums[0, at] += factor * x * a
+    sums[0, at + 1] += factor * (x * a_more + more * a)
+    sums[0, at + 2] += factor * more * a_more
+
+
+@lean
+def higher(work: Work, k: int, h_t: float, h_p: float, h_d: float, s: float) -> tuple[float, float]:
+    """What higher orders of range k may take from x^T r and add to x^T W x."""
+    g, sizes, d = work.g, work.sizes, work.out[AT]
+    apart, across, f, arm = g[k, APART], g[k, ACROSS], g[k, RANGE], sizes[k, ARM]
+    weight = abs(g[k, X] + s * g[k, MORE])
+    moved = h_d + d * h_t + arm * h_p
+    second = h_d * h_t + 0.5 * (d * h_t * h_t + arm * h_p * h_p)
+    third = 0.5 * h_d * h_t * h_t + (d * h_t * h_t * h_t + arm * h_p * h_p * h_p) / 6.0
+    ratio = moved / f
+    less = third + (second + third) * ratio + moved * third_order(ratio)
+    angle, gap = rotated(apart, moved), max(apart - moved, 0.0)
+    swollen = 0.0
+    if sizes[k, SCATTER] > 0.0:
+        change = spreads(sizes, k, angle, h_p)
+        less += min(0.5 * change / (gap + TINY), np.sqrt(change))
+        wide = across + change
+        tail = min(wide / (gap * gap + TINY), 1.0) * wide
+        swollen = 0.5 * max(tail - across * across / (f * f), 0.0)
+    if sizes[k, ROW_A] + sizes[k, ROW_B] == 0.0:
+        return weight * less, swollen * weight * weight
+    ratio = moved / max(apart, NEAREST)
+    off = 2.0 + ratio
+    if ratio < 1.0 and apart > NEAREST:
+        off = min(turned_off(ratio) + (second + third) / apart, off)
+    off_b = off + angle * h_p + 0.5 * h_p * h_p
+    a, b = g[k, PULL_A] + abs(s) * g[k, PULL_A + 1], g[k, PULL_B] + abs(s) * g[k, PULL_B + 1]
+    turned = sizes[k, ROW_A] * angle * angle + sizes[k, ROW_B] * (angle + h_p) * (angle + h_p)
+    more = 2.0 * weight * (a * off + b * off_b) + (turned + swollen) * weight * weight
+    return weight * less, more
+
+
+@lean
+def third_order(ratio: float) -> float:
+    """| |w + x| - |w| - u^T x - |x - u u^T x|^2 / 2 |w| | / |x| at most, ratio = |x| / |w|.
+
+    Never more than the second order itself, for the first is from below.
+    """
+    if ratio < 1.0:
+        return float(ratio * ratio * (0.193 + 0.08 * ratio))
+    return float(0.5 * ratio)
+
+
+@lean
+def turned_off(ratio: float) -> float:
+    """| (w + x) / |w + x| - u - (x - u u^T x) / |w| | at most, ratio = |x| / |w| < 1."""
+    return float(ratio * ratio * (0.58 + 0.8 * ratio))
+
+
+@lean
+def spreads(sizes: Floats, k: int, angle: float, h_phi: float) -> float:
+    """By how much the scatter across a line of sight changes at most where that turns, m^2."""
+    a, b, ab = sizes[k, SIZE_A], sizes[k, SIZE_B], sizes[k, SIZE_AB]
+    changed = 2.0 * (a * angle + b * (angle + h_phi) + ab * (2.0 * angle + h_phi))
+    return float(min(changed, sizes[k, SCATTER]))
+
+
+@lean
+def rotated(apart: float, moved: float) -> float:
+    """|u - v| at most, of unit vectors along w and w + x, |w| = apart, |x| <= moved.
+
+    2 |x| / (|w| + |w + x|), Dunkl and Williams (1964).
+    """
+    if apart <= NEAREST:
+        return 2.0
+    return float(min(2.0 * moved / (apart + max(apart - moved, 0.0)), 2.0))

@@ -1,0 +1,85 @@
+"""At which instant the team starts, and who comes too late for it.
+
+All poses of a start hold at one instant, so one robot that joins late must not keep the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from clt.core.errors import CltError
+from clt.core.recording import Recording
+from clt.core.start import odometry_begin
+
+LATE = 10_000_000_000
+"""A robot whose odometry begins this long after most others' is not waited for, ns."""
+WAITING = 1_000_000_000
+"""A wait that is worth a word, ns."""
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """The instant of the start."""
+
+    stamp: int
+    """ns."""
+    names: tuple[str, ...]
+    """Moving robots that take part."""
+    absent: Mapping[str, str]
+    """Those that do not, and why."""
+    notes: tuple[str, ...]
+
+
+def beginning(recording: Recording, moving: Sequence[str]) -> Beginning:
+    """When most of the `moving` robots have odometry and two static ones are heard.
+
+    A robot that comes a little later is waited for; one that comes much later, or whose odometry
+    has ended by then, is left out. Raises CltError where none remains.
+    """
+    begins = {name: odometry_begin(recording, name) for name in moving}
+    first = sorted(begins.values())[(len(begins) - 1) // 2]
+    heard = two_statics_heard(recording)
+    notes = []
+    if heard > first + LATE:
+        notes.append(
+            f"the start waits {(heard - first) * 1e-9:.1f} s: before, fewer than two static robots "
+            "are heard"
+        )
+        first = heard
+    absent = {
+        name: f"it joins {(begin - first) * 1e-9:.1f} s after the others: left out of the "
+        "start, whose poses hold at one instant; to begin when it joins, give the poses at that "
+        "time in a TOML file (--init FILE)"
+        for name, begin in begins.items()
+        if begin > first + LATE
+    }
+    stamp = max(first, *(begin for name, begin in begins.items() if name not in absent))
+    absent |= {
+        name: "its odometry ends before the others start: left out of the start"
+        for name in moving
+        if name not in absent and int(recording.odometry[name].stamp[-1]) <= stamp
+    }
+    names = tuple(name for name in moving if name not in absent)
+    if len(names) == 0:
+        name, why = next(iter(absent.items()))
+        raise CltError(f"no moving robot can be initialized: {name}: {why}")
+    if stamp - first > WAITING:
+        last = max(names, key=lambda name: begins[name])
+        notes.append(
+            f"the start waits {(stamp - first) * 1e-9:.1f} s until the odometry of {last} begins"
+        )
+    return Beginning(stamp, names, absent, tuple(notes))
+
+
+def two_statics_heard(recording: Recording) -> int:
+    """Just before the first range of the second static robot that has any, ns; 0 without two."""
+    team, ranges = recording.team, recording.ranges
+    first = []
+    for robot in team.static:
+        own = (ranges.source == team.index(robot.name)) | (ranges.target == team.index(robot.name))
+        if own.any():
+            first.append(int(ranges.stamp[np.argmax(own)]))
+    return sorted(first)[1] - 1 if len(first) > 1 else 0

@@ -1,0 +1,1 @@
+"""Numba decorators and the cache of their machine code."""

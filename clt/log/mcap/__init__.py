@@ -1,0 +1,1 @@
+"""The MCAP container: bytes, records, scan, table, write."""

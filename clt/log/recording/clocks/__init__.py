@@ -1,0 +1,1 @@
+"""Clocks of a log: jumps, pauses, and the parts that hold together."""

@@ -1,0 +1,187 @@
+"""A log in memory: from a file or standard input to a `Recording`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from clt.core.document import Document
+from clt.core.errors import LogError
+from clt.core.recording import Recording
+from clt.log.cdr.msgdef import Struct
+from clt.log.recording import convert, packets, ranging, team_discovery
+from clt.log.recording.clocks import timeline
+from clt.log.recording.fields import fields
+from clt.log.recording.metadata import TEAM, decode_run
+from clt.log.recording.reader import Log, Topic, read
+from clt.log.recording.roles import ALL, Roles, by_file, by_name, role_of
+
+if TYPE_CHECKING:
+    from clt.log.recording.mapping.streamsfile import StreamsFile
+
+T = TypeVar("T")
+
+__all__ = ["ALL", "LoadedLog", "load"]
+
+
+@dataclass(frozen=True)
+class LoadedLog:
+    """A recording and the file it came from."""
+
+    recording: Recording
+    sha256: str
+    """Of the whole input."""
+    path: str
+    """As people know it: the path, or `standard input`."""
+    profile: str
+    library: str
+    """What wrote the log."""
+    topics: Mapping[str, Topic]
+    """Every topic of the log, whether it was read or not."""
+    used: frozenset[str] = frozenset()
+    """Those that were read."""
+    files: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of each file of a bag's folder, by name."""
+    own: bool = False
+    """Its team stands in its metadata: clt wrote it."""
+
+
+def load(
+    path: Path,
+    streams: Path | Document | None = None,
+    want: frozenset[str] = ALL,
+    brief: bool = False,
+) -> LoadedLog:
+    """Read what is wanted of a log; `-` is standard input, a folder the bag in it.
+
+    `streams` maps the topics of other people's logs. `want` holds names of
+    `clt.log.recording.roles.Role`; what a log lacks is simply absent. `brief` suits those who only
+    count: see `clt.log.recording.ranging.measure`. Faults of the data are counted
+    in `Recording.faults`.
+    Raises LogError where the log as a whole cannot be used, UsageError for a wrong streams file.
+    """
+    mapped = None if streams is None else _streams_file(streams)
+    named = None if mapped is None else by_file(mapped, want)
+
+    def paths(topic: str, struct: Struct) -> tuple[str, ...] | None:
+        return fields(named or by_name([topic], want), topic, struct, brief)
+
+    log = read(path, lambda topic, _: _wanted(topic, mapped, want), paths)
+    _check_readable(log)
+    if mapped is not None:
+        from clt.log.recording.mapping.resolve import resolve  # noqa: PLC0415 - pydantic is slow to import
+
+        mapped = resolve(mapped, log.topics, f"{streams}: {log.name}", log.faults)
+    roles = by_name(log.topics, want) if mapped is None else by_file(mapped, want)
+    recording = _recording(log, roles, mapped, brief)
+    clocks = timeline.faults_of(timeline.look(recording), log.name)
+    recording = replace(recording, faults=(*recording.faults, *clocks))
+    return LoadedLog(
+        recording,
+        log.sha256,
+        log.name,
+        log.header.profile,
+        log.header.library,
+        log.topics,
+        roles.topics,
+        log.files,
+        any(record.name == TEAM for record in log.metadata),
+    )
+
+
+def _streams_file(source: Path | Document) -> StreamsFile:
+    from clt.log.recording.mapping.streamsfile import read_streams  # noqa: PLC0415 - pydantic is slow to import
+
+    return read_streams(source)
+
+
+def _wanted(topic: str, mapped: StreamsFile | None, want: frozenset[str]) -> bool:
+    if mapped is not None:
+        return mapped.wants(topic)
+    found = role_of(topic)
+    return found is not None and found[1] in want
+
+
+def _recording(log: Log, roles: Roles, mapped: StreamsFile | None, brief: bool) -> Recording:
+    uses = Counter(stream.topic for stream in roles.streams)
+    framed = packets.decode_frames(log, roles.frames)
+    measured: list[tuple[str, ranging.Measured]] = []
+
+    def last(topic: str, found: T) -> T:
+        """Forget the messages of a topic that were converted, unless other roles take them too."""
+        if uses[topic] == 1:
+            log.gathered.release(topic)
+        return found
+
+    if mapped is not None:
+        team = team_discovery.given(mapped, team_discovery.told(log))
+    else:
+        told = team_discovery.told(log)
+        if told is None:
+            measured = [(name, ranging.measure(log, one, brief)) for name, one in roles.ranges]
+        team = team_discovery.inferred(log, measured, framed) if told is None else told
+        roles = team_discovery.known_only(log, roles, team)
+        if len(team.robots) == 0:
+            text = (
+                "no topic is named as clt names them; `clt streams` drafts a file for --streams: "
+                f"{_list(log)}"
+            )
+            log.faults.add("unmapped", "topics", text)
+    odometry = {
+        name: last(one.topic, convert.odometry(log, one, brief))
+        for name, one in roles.odometry.items()
+    }
+    truth, estimate, reckoned = (
+        {name: last(one.topic, convert.poses(log, one, known)) for name, one in streams.items()}
+        for streams, known in (
+            (roles.truth, False),
+            (roles.estimate, True),
+            (roles.dead_reckoning, True),
+        )
+    )
+    each = (last(one.topic, ranging.measure(log, one, brief)) for _, one in roles.ranges)
+    ranges = ranging.join(log, each if len(measured) == 0 else _taken(measured), team, brief)
+    found = None
+    if roles.innovation is not None:
+        found = ranging.innovations(log, roles.innovation, team)
+    return Recording(
+        team=team,
+        odometry={name: twist for name, twist in odometry.items() if len(twist.stamp) > 0},
+        ranges=ranges,
+        frames=packets.join_frames(log, [framed[name] for name in roles.frames], team),
+        truth={name: poses for name, poses in truth.items() if len(poses.stamp) > 0},
+        estimate=estimate,
+        dead_reckoning=reckoned,
+        innovations=found,
+        run=decode_run((one.name, one.record) for one in log.metadata),
+        attachments=log.attachments,
+        faults=log.faults.all(),
+    )
+
+
+def _taken(measured: list[tuple[str, ranging.Measured]]) -> Iterator[ranging.Measured]:
+    """Each topic's ranges once, so that memory holds few twice."""
+    while len(measured) > 0:
+        yield measured.pop(0)[1]
+
+
+def _check_readable(log: Log) -> None:
+    """Raise LogError for a log without any ROS 2 CDR message, naming what it has instead."""
+    topics = log.topics.values()
+    if any(topic.readable for topic in topics):
+        return
+    kinds = sorted({channel.encoding for topic in topics for channel in topic.channels})
+    schemas = {channel.schema for topic in topics for channel in topic.channels}
+    told = sorted({schema.encoding for schema in schemas if schema is not None})
+    raise LogError(
+        f"{log.name}: profile `{log.header.profile}` with {'/'.join(kinds) or 'unnamed'} messages "
+        f"({'/'.join(told) or 'no'} schemas); clt reads profile `ros2`: cdr with ros2msg schemas"
+    )
+
+
+def _list(log: Log) -> str:
+    shown = [f"{topic.name} ({topic.type})" for topic in log.topics.values()]
+    return ", ".join(shown[:8]) + (f" and {len(shown) - 8} more" if len(shown) > 8 else "")

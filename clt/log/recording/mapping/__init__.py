@@ -1,0 +1,1 @@
+"""Streams files: which topics of somebody else's log hold what."""

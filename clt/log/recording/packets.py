@@ -1,0 +1,172 @@
+"""`/{robot}/uwb/frame`: packets of a UWB broadcast network, to messages and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from clt.core.errors import LogError
+from clt.core.recording import Frames, Indices, Team, no_frames
+from clt.core.ticks import SPAN
+from clt.log.cdr.batch_decoder import Column
+from clt.log.cdr.msgdef import parse
+from clt.log.cdr.paths import resolve
+from clt.log.cdr.schemas import ros2msg
+from clt.log.cdr.writer import layout, stamp_columns
+from clt.log.mcap.plan import Channel, Select
+from clt.log.recording import cleaning
+from clt.log.recording.channels import Columns
+from clt.log.recording.convert import Table, table
+from clt.log.recording.ranging import index_of_id
+from clt.log.recording.reader import Log
+from clt.log.recording.roles import Stream
+
+FRAME = "clt_msgs/msg/UwbFrame"
+PLACES = 16
+"""Neighbours that one message can tell of."""
+ENTRIES = 1 << 26
+"""Packets of one robot times robots: of seventeen, eleven hours at 100 Hz."""
+FIELDS = (
+    "sequence",
+    "source",
+    "odometry_valid",
+    "transmit",
+    "odometry_stamp",
+    "v",
+    "omega",
+    "heard",
+    "neighbour",
+    "neighbour_sequence",
+    "receive",
+)
+
+
+def frame_channel(team: Team, source: int, frames: Frames) -> Channel:
+    """What the robot with index `source` sent. Raises LogError for more than 17 robots."""
+    topic = f"/{team.robots[source].name}/uwb/frame"
+    others = np.array([index for index in range(len(team.robots)) if index != source], np.int64)
+    if others.size > PLACES:
+        raise LogError(f"{topic}: {others.size} neighbours; a frame holds {PLACES}")
+    ids = np.array([robot.id for robot in team.robots], np.int64)
+    neighbour = np.zeros(PLACES, np.int64)
+    neighbour[: others.size] = ids[others]
+    rows = np.flatnonzero(frames.source == source)
+    form = layout(FRAME)
+
+    def padded(column: Indices) -> Indices:
+        """The entries of the neighbours, 0 where there is none."""
+        return np.pad(np.maximum(column, 0), ((0, 0), (0, PLACES - others.size)))
+
+    def columns(select: Select) -> Columns:
+        chosen = rows[select]
+        receive = frames.receive[chosen][:, others]
+        valid = frames.odometry_stamp[chosen] >= 0
+        return {
+            **stamp_columns("stamp", frames.stamp[chosen]),
+            "sequence": frames.sequence[chosen] % 2**32,
+            "source": ids[source],
+            "odometry_valid": valid,
+            "transmit": frames.transmit[chosen],
+            "odometry_stamp": np.maximum(frames.odometry_stamp[chosen], 0),
+            "v": np.where(valid, frames.v[chosen], 0.0),
+            "omega": np.where(valid, frames.omega[chosen], 0.0),
+            "heard": padded((receive >= 0).astype(np.int64)),
+            "neighbour": neighbour,
+            "neighbour_sequence": padded(frames.heard[chosen][:, others] % 2**32),
+            "receive": padded(receive),
+        }
+
+    size = np.full(rows.size, len(form.template))
+    return Channel(
+        topic,
+        FRAME,
+        frames.log_time[rows],
+        frames.stamp[rows],
+        size,
+        lambda select: form.rows(rows[select].size, columns(select)),
+    )
+
+
+def decode_frames(log: Log, topics: Mapping[str, Stream]) -> dict[str, Table]:
+    """Decode frames by robot. Raises LogError for a topic of another type or definition."""
+    tables = {}
+    ours = parse(FRAME, ros2msg(FRAME))
+    for robot, stream in topics.items():
+        topic = stream.topic
+        if log.struct(topic).name != "clt_msgs/UwbFrame":
+            kind = log.topics[topic].type
+            raise LogError(f"{log.name}: {topic}: {kind} is not clt_msgs/UwbFrame")
+        tables[robot] = table(log, topic, list(FIELDS), stream.log_time)
+        for name in FIELDS:
+            if resolve(log.struct(topic), name) != resolve(ours, name):
+                raise LogError(f"{log.name}: {topic}: `{name}` is not what clt_msgs/UwbFrame has")
+    return tables
+
+
+def join_frames(log: Log, tables: Sequence[Table], team: Team) -> Frames:
+    """All packets sorted by stamp; what is wrong is counted and dropped."""
+    parts = [_part(log, one, team) for one in tables]
+    if len(parts) == 0:
+        return no_frames()
+    order = np.argsort(np.concatenate([part.stamp for part in parts]), kind="stable")
+    names = Frames.__dataclass_fields__
+    return Frames(
+        **{name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names}
+    )
+
+
+def _part(log: Log, data: Table, team: Team) -> Frames:
+    """The usable packets of one topic in the order of their stamps."""
+    faults, place = log.faults, data.place
+    index = index_of_id(team)
+    carried = data.column("odometry_valid").astype(np.bool_)
+    v, omega = (np.where(carried, data.floats(name), 0.0) for name in ("v", "omega"))
+    rows = cleaning.usable(faults, place, data.decoded.good, v, omega)
+    source = index[data.column("source").astype(np.int64)]
+    strange = source[rows] < 0
+    rows = rows[cleaning.drop(faults, place, "unknown", strange, "packets name an unknown sender")]
+    heard = data.column("heard").astype(np.bool_)
+    used = np.flatnonzero(heard.any(axis=0))  # of the places, most of which are empty
+    heard = heard[:, used]
+    transmit, measured = (_ticks(data.column(name)) for name in ("transmit", "odometry_stamp"))
+    received = _ticks(data.column("receive")[:, used])
+    wrong = (transmit < 0) | (carried & (measured < 0)) | (heard & (received < 0)).any(axis=1)
+    rows = rows[cleaning.drop(faults, place, "ticks", wrong[rows], "packets hold no 40-bit stamps")]
+    rows = rows[cleaning.sorted_rows(faults, place, data.stamp[rows])]
+    rows = rows[cleaning.first_of_each(faults, place, data.stamp[rows])]
+    if rows.size * len(team.robots) > ENTRIES:
+        text = f"{rows.size} packets among {len(team.robots)} robots are more than clt can hold"
+        raise LogError(f"{log.name}: {place}: {text}")
+    receive = np.full((rows.size, len(team.robots)), -1, np.int64)
+    sequence = receive.copy()
+    neighbour = index[data.column("neighbour")[:, used][rows].astype(np.int64)]
+    told = data.column("neighbour_sequence")[:, used][rows]
+    good = heard[rows] & (neighbour >= 0) & (neighbour != source[rows][:, None])
+    for column in range(used.size):
+        some = np.flatnonzero(good[:, column])
+        receive[some, neighbour[some, column]] = received[rows[some], column]
+        sequence[some, neighbour[some, column]] = told[some, column]
+    lost = int(np.count_nonzero(heard[rows] & ~good))
+    if lost > 0:
+        text = f"{lost} receptions name an unknown robot or the sender itself; dropped"
+        faults.add("unknown", place, text, count=lost, lost=True)
+    valid = carried[rows]
+    return Frames(
+        data.stamp[rows],
+        data.messages.log_time[rows],
+        source[rows],
+        data.column("sequence")[rows].astype(np.int64),
+        transmit[rows],
+        receive,
+        sequence,
+        np.where(valid, measured[rows], -1),
+        np.where(valid, v[rows], np.nan),
+        np.where(valid, omega[rows], np.nan),
+    )
+
+
+def _ticks(column: Column) -> Indices:
+    """Counter readings; -1 for what no 40-bit counter shows."""
+    values = column.astype(np.int64)  # from 2^63 on negative
+    return np.where(values < SPAN, values, -1)

@@ -1,0 +1,153 @@
+"""Which topic plays which role: by clt's own names, or as a streams file says."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, get_args
+
+if TYPE_CHECKING:
+    from clt.log.recording.mapping.streamsfile import StreamsFile  # pydantic is slow to import
+
+Role = Literal["odometry", "ranges", "frames", "truth", "estimate", "dead_reckoning", "innovations"]
+ALL: frozenset[str] = frozenset(get_args(Role))
+
+INNOVATION = "/clt/innovation"
+OURS = re.compile(
+    r"/(?P<robot>[A-Za-z]\w*)/"
+    r"(?P<leaf>odom|uwb/range|uwb/frame|ground_truth|estimate|dead_reckoning)",
+    re.ASCII,
+)
+LEAVES: dict[str, Role] = {
+    "odom": "odometry",
+    "uwb/range": "ranges",
+    "uwb/frame": "frames",
+    "ground_truth": "truth",
+    "estimate": "estimate",
+    "dead_reckoning": "dead_reckoning",
+}
+
+
+@dataclass(frozen=True)
+class Stream:
+    """One robot's topic."""
+
+    topic: str
+    log_time: bool = False
+    """Stamps are the times of recording, whatever a header says."""
+
+
+@dataclass(frozen=True)
+class RangeStream:
+    """A topic of ranges; `source` and `target` None where the messages tell."""
+
+    topic: str
+    source: str | None = None
+    target: str | None = None
+    field: str | None = None
+    sigma: float | None = None
+    gain: float = 1.0
+    offset: float = 0.0
+    log_time: bool = False
+
+
+@dataclass(frozen=True)
+class Roles:
+    """Topics by role; mappings go from a robot's name to its topic."""
+
+    odometry: dict[str, Stream] = field(default_factory=dict)
+    truth: dict[str, Stream] = field(default_factory=dict)
+    estimate: dict[str, Stream] = field(default_factory=dict)
+    dead_reckoning: dict[str, Stream] = field(default_factory=dict)
+    ranges: tuple[tuple[str, RangeStream], ...] = ()
+    """Robot (or the topic, where a file names it) and stream."""
+    innovation: str | None = None
+    frames: dict[str, Stream] = field(default_factory=dict)
+
+    @property
+    def streams(self) -> list[Stream | RangeStream]:
+        """The topics of all roles but innovations, one per role."""
+        robots = (self.odometry, self.truth, self.estimate, self.dead_reckoning, self.frames)
+        named = [stream for streams in robots for stream in streams.values()]
+        return [*named, *(stream for _, stream in self.ranges)]
+
+    @property
+    def topics(self) -> frozenset[str]:
+        """Every topic that plays a role."""
+        topics = {stream.topic for stream in self.streams}
+        return frozenset(topics if self.innovation is None else {*topics, self.innovation})
+
+
+def role_of(topic: str) -> tuple[str, Role] | None:
+    """Robot and role of a topic by clt's names; None for a stranger."""
+    if topic == INNOVATION:
+        return "", "innovations"
+    match = OURS.fullmatch(topic)
+    return None if match is None else (match["robot"], LEAVES[match["leaf"]])
+
+
+def natural(text: str) -> list[tuple[int, str]]:
+    """Sort key that counts as people do: R2 before R10."""
+    parts = re.split(r"([0-9]+)", text)
+    numbers = (part.lstrip("0") for part in parts[1::2])
+    keys = [(-1, part) for part in parts]
+    keys[1::2] = [(len(digits), digits) for digits in numbers]
+    return keys
+
+
+def by_name(topics: Iterable[str], want: frozenset[str]) -> Roles:
+    """The wanted roles among topics named as clt names them."""
+    roles = Roles()
+    ranges = []
+    innovation = None
+    for topic in sorted(topics, key=natural):
+        found = role_of(topic)
+        if found is None or found[1] not in want:
+            continue
+        robot, role = found
+        match role:
+            case "ranges":
+                ranges.append((robot, RangeStream(topic)))
+            case "innovations":
+                innovation = topic
+            case _:
+                getattr(roles, role)[robot] = Stream(topic)
+    return Roles(
+        roles.odometry,
+        roles.truth,
+        roles.estimate,
+        roles.dead_reckoning,
+        tuple(ranges),
+        innovation,
+        roles.frames,
+    )
+
+
+def by_file(streams: StreamsFile, want: frozenset[str]) -> Roles:
+    """The wanted roles as a streams file gives them."""
+    odometry, truth = {}, {}
+    for name, robot in streams.robots.items():
+        log_time = (robot.stamp or streams.stamp) == "log_time"
+        if robot.odometry is not None and "odometry" in want:
+            odometry[name] = Stream(robot.odometry, log_time)
+        if robot.ground_truth is not None and "truth" in want:
+            truth[name] = Stream(robot.ground_truth, log_time)
+    ranges = [
+        (
+            entry.topic,
+            RangeStream(
+                entry.topic,
+                entry.source,
+                entry.target,
+                entry.field,
+                entry.sigma,
+                entry.gain,
+                entry.offset,
+                (entry.stamp or streams.stamp) == "log_time",
+            ),
+        )
+        for entry in streams.ranges
+        if "ranges" in want
+    ]
+    return Roles(odometry, truth, ranges=tuple(ranges))

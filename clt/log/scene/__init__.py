@@ -1,0 +1,1 @@
+"""What 3D viewers show: transforms and markers."""

@@ -1,0 +1,1 @@
+"""What is estimated and measured: motion, ranges, state space, noise, problem, solution."""

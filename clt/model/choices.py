@@ -1,0 +1,36 @@
+"""What a user may choose of an estimator: light to import, so that a slip is refused at once."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from clt.core.errors import UsageError
+from clt.core.settings import nearest
+
+NAMES = ("eskf", "ekf", "ukf", "mixture", "pf", "dpf")
+"""What `--filter` takes: the keys of `clt.estimation.estimators.FILTERS`."""
+THROUGH_FILTERPY = ("ekf", "ukf")
+"""The keys of `clt.estimation.estimators.FILTERPY`."""
+ENGINES = ("compiled", "filterpy")
+
+
+class View(NamedTuple):
+    """A choice of frame, as a user makes it."""
+
+    kind: str
+    """world, ego or mutual."""
+    names: tuple[str, ...] = ()
+    """The ego; or the two robots."""
+
+
+def parse_view(text: str) -> View:
+    """`world`, `ego:NAME` or `mutual:A,B`. Raises UsageError for anything else."""
+    kind, colon, rest = text.partition(":")
+    names = tuple(rest.split(",")) if colon else ()
+    counts = {"world": 0, "ego": 1, "mutual": 2}
+    wanted = counts.get(kind)
+    if wanted is None:
+        raise UsageError(f"--frame {text}: unknown{nearest(kind, counts)}")
+    if wanted != len(names) or "" in names or len(set(names)) != len(names):
+        raise UsageError(f"--frame {text}: not world, ego:NAME or mutual:A,B")
+    return View(kind, names)

@@ -1,0 +1,1 @@
+"""Ranks of the observability codistribution, exact modulo a prime."""

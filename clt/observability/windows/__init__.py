@@ -1,0 +1,1 @@
+"""Observability along a log: Gramians of windows."""

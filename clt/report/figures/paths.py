@@ -1,0 +1,78 @@
+"""Trajectories in a picture: lines, names that keep apart from the edge, covariance ellipses."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Ellipse
+from matplotlib.patheffects import withStroke
+from matplotlib.text import Annotation
+
+from clt.core.recording import Floats, Stamps
+from clt.report.figures.thin import broken, every
+
+NAMED = 8
+"""With more robots, names would hide the picture."""
+RIGHT = 0.7
+"""Where the right edge begins, as a share of the width."""
+LONG = 2.0
+"""Lines are broken across longer gaps, s."""
+POINTS = 2500
+ELLIPSES = 12
+"""Per trajectory."""
+SIGMAS = 3.0
+
+
+def path(axes: Axes, stamp: Stamps, points: Floats, **look: object) -> None:
+    """A trajectory (n, 2), m; it does not move the limits of the axes."""
+    kept = every(len(points), POINTS)
+    x, y = broken(stamp[kept], points[kept], LONG).T
+    axes.add_line(Line2D(x, y, **look))  # type: ignore[arg-type]
+
+
+def name(axes: Axes, text: str, x: float, y: float, shade: str) -> None:
+    """A name beside a point."""
+    label = axes.annotate(
+        text, (x, y), xytext=(6, 6), textcoords="offset points", color=shade, weight="bold"
+    )
+    label.set(zorder=8, path_effects=[withStroke(linewidth=2.5, foreground="white")])
+
+
+def start(axes: Axes, text: str | None, x: float, y: float, shade: str) -> None:
+    """Where a trajectory begins."""
+    axes.plot(x, y, "o", color=shade, markersize=6.5, markeredgecolor="white", zorder=6)
+    if text is not None:
+        name(axes, text, x, y, shade)
+
+
+def turn_names(axes: Axes) -> None:
+    """Names near the right edge stand left of their points."""
+    if len(axes.texts) == 0:
+        return
+    edge = axes.dataLim.x0 + RIGHT * axes.dataLim.width
+    for text in axes.texts:
+        if isinstance(text, Annotation) and text.xy[0] > edge:
+            text.set(ha="right", position=(-6, 6))
+
+
+def ellipses(axes: Axes, points: Floats, covariance: Floats, shade: str) -> None:
+    """3-sigma ellipses of positions (n, 2), m, by covariances (n, 2, 2), evenly along the way."""
+    rows = np.unique(np.linspace(0, len(points) - 1, ELLIPSES).astype(np.int64))
+    variance, axis = np.linalg.eigh(covariance[rows])
+    size = 2.0 * SIGMAS * np.sqrt(np.maximum(variance, 0.0))
+    for row, at in enumerate(rows):
+        longest = axis[row, :, 1]
+        angle = float(np.degrees(np.arctan2(longest[1], longest[0])))
+        patch = Ellipse(
+            (float(points[at, 0]), float(points[at, 1])),
+            float(size[row, 1]),
+            float(size[row, 0]),
+            angle=angle,
+            facecolor=shade,
+            edgecolor=shade,
+            alpha=0.22,
+            linewidth=0.8,
+            zorder=2,
+        )
+        axes.add_patch(patch)

@@ -1,0 +1,397 @@
+"""What the kernels eat, against the integrals and the statistics that it stands for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from clt.core.recording import Odometry, Ranges, Robot, Team
+from clt.model import inputs
+from clt.model.inputs import (
+    correlated_variance,
+    first_known,
+    interval_twist,
+    join_segments,
+    range_table,
+    robot_segments,
+    standing,
+)
+from clt.model.settings import Noise
+
+MS = 1_000_000
+QUIET = Noise(sigma_v=0.2, sigma_omega=0.1)
+ROBOT = Robot("R1", 1)
+
+
+def odometry(stamp, v, omega=None, sigma=np.nan):
+    stamp = np.asarray(stamp, np.int64)
+    v = np.broadcast_to(np.asarray(v, float), stamp.shape)
+    omega = 0.1 * v if omega is None else np.broadcast_to(np.asarray(omega, float), stamp.shape)
+    told = np.full(stamp.size, sigma)
+    return Odometry(stamp, stamp, v, omega, told, told)
+
+
+def durations(segments, begin):
+    return np.diff(np.append(begin, segments.end)) * 1e-9
+
+
+def random_odometry(seed, size):
+    rng = np.random.default_rng(seed)
+    step = rng.integers(10 * MS, 100 * MS, size) + 2000 * MS * (rng.random(size) < 0.1)
+    return odometry(10**18 + np.cumsum(step), rng.normal(size=size), rng.normal(size=size))
+
+
+def test_the_first_known_choice_counts():
+    told = np.array([1.0, np.nan, np.nan])
+    np.testing.assert_array_equal(first_known(None, told, 2.0, size=3), [1.0, 2.0, 2.0])
+    np.testing.assert_array_equal(first_known(3.0, told, size=3), [3.0, 3.0, 3.0])
+    np.testing.assert_array_equal(first_known(None, told, np.nan, size=3), told)
+
+
+def test_means_stay_and_instants_are_averaged():
+    sampled = odometry([1, 2, 3], [1.0, 3.0, 4.0], [0.0, 1.0, -1.0])
+    v, omega = interval_twist(sampled, ROBOT)
+    assert (v.tolist(), omega.tolist()) == ([1.0, 3.0, 4.0], [0.0, 1.0, -1.0])
+    v, omega = interval_twist(sampled, replace(ROBOT, twist="instant"))
+    assert (v.tolist(), omega.tolist()) == ([1.0, 2.0, 3.5], [0.0, 0.5, 0.0])
+
+
+def test_the_midpoint_rule_integrates_instants_of_a_linear_twist_exactly():
+    t = np.arange(1, 201) * 0.05
+    sampled = odometry(np.rint(t * 1e9), 0.3 + 0.2 * t)
+    segments, _ = robot_segments(
+        sampled, replace(ROBOT, twist="instant"), QUIET, int(sampled.stamp[0]), 0
+    )
+    travelled = np.sum(segments.v * durations(segments, sampled.stamp[0]))
+    exact = 0.3 * (t[-1] - t[0]) + 0.1 * (t[-1] ** 2 - t[0] ** 2)
+    assert travelled == pytest.approx(exact, rel=1e-12)
+
+
+def test_the_first_sample_covers_one_period_before_its_stamp():
+    begin = 10**18
+    sampled = odometry(begin + 50 * MS * np.arange(1, 41), 0.5)
+    segments, notes = robot_segments(sampled, ROBOT, QUIET, begin, int(sampled.stamp[-1]))
+    assert notes == ()
+    np.testing.assert_array_equal(segments.end, sampled.stamp)
+    np.testing.assert_allclose(segments.interval, 0.05)
+    assert segments.first.tolist() == [0, 40]
+
+
+@given(st.integers(0, 10**6), st.integers(2, 60))
+@settings(deadline=None)
+def test_each_sample_adds_sigma_squared_times_its_interval_squared(seed, size):
+    """The noise of a sample is the same over its whole interval: its integral is noise * T."""
+    rng = np.random.default_rng(seed)
+    sampled = odometry(np.cumsum(rng.integers(40 * MS, 45 * MS, size)), rng.normal(size=size))
+    begin = int(sampled.stamp[0]) - int(np.median(np.diff(sampled.stamp)))
+    segments, _ = robot_segments(sampled, ROBOT, QUIET, begin, int(sampled.stamp[-1]))
+    dt = durations(segments, begin)
+    np.testing.assert_allclose(segments.var_v * segments.interval * dt, 0.04 * dt**2, rtol=1e-9)
+    np.testing.assert_allclose(segments.var_omega * segments.interval * dt, 0.01 * dt**2, rtol=1e-9)
+
+
+def test_noise_grows_with_motion():
+    noise = QUIET.model_copy(
+        update={"v_per_v": 0.5, "v_per_omega": 3.0, "omega_per_v": 0.3, "omega_per_omega": 2.0}
+    )
+    sampled = odometry([50 * MS, 100 * MS], [-2.0, 0.0], [0.0, -0.1])
+    segments, _ = robot_segments(sampled, ROBOT, noise, 0, 100 * MS)
+    np.testing.assert_allclose(segments.var_v, [0.04 + 1.0, 0.04 + 0.09])
+    np.testing.assert_allclose(segments.var_omega, [0.01 + 0.36, 0.01 + 0.04])
+
+
+@given(st.integers(0, 10**6), st.integers(2, 60), st.integers(0, 5 * 10**9))
+@settings(deadline=None)
+def test_segments_follow_one_another_up_to_the_end(seed, size, late):
+    """Whatever the gaps: ends increase, the last is the log's end, every value is a number."""
+    sampled = random_odometry(seed, size)
+    end = int(sampled.stamp[-1]) + late
+    start = int(sampled.stamp[0]) - 200 * MS
+    segments, _ = robot_segments(sampled, ROBOT, QUIET, start, end)
+    assert np.all(np.diff(segments.end) > 0)
+    assert segments.end[-1] == end
+    assert set(sampled.stamp) <= set(segments.end)
+    for column in segments[2:]:
+        assert column.shape == segments.end.shape
+        assert np.isfinite(column).all()
+    assert np.all(segments.interval > 0.0)
+
+
+@given(st.integers(0, 10**6), st.integers(2, 60), st.floats(0.0, 1.0))
+@settings(deadline=None)
+def test_a_later_start_cuts_and_changes_nothing_else(seed, size, share):
+    sampled = random_odometry(seed, size)
+    end = int(sampled.stamp[-1])
+    start = int(sampled.stamp[0] + share * (end - sampled.stamp[0]))
+    whole, _ = robot_segments(sampled, ROBOT, QUIET, 0, end)
+    cut, _ = robot_segments(sampled, ROBOT, QUIET, start, end)
+    left = whole.end > start
+    for all_of_it, part in zip(whole[1:], cut[1:], strict=True):
+        np.testing.assert_array_equal(all_of_it[left], part)
+    assert cut.first.tolist() == [0, np.count_nonzero(left)]
+
+
+def test_a_gap_is_bridged_by_the_mean_with_a_wide_error():
+    """Samples at 50 ... 500 ms and 2.5 s later again; 0.4 m/s before, 0.8 m/s after."""
+    early = 50 * MS * np.arange(1, 11)
+    sampled = odometry(np.append(early, early + 2500 * MS), np.repeat([0.4, 0.8], 10), 0.0)
+    segments, notes = robot_segments(sampled, ROBOT, QUIET, 0, int(sampled.stamp[-1]))
+    assert notes == (
+        "gaps in the odometry of R1: 1, the longest 2.05 s; bridged with widened noise",
+    )
+    bridge = np.flatnonzero(~np.isin(segments.end, sampled.stamp))
+    assert bridge.tolist() == [10]
+    assert segments.end[10] == sampled.stamp[10] - 50 * MS
+    assert segments.v[10] == pytest.approx(0.6)
+    assert segments.var_v[10] == pytest.approx(0.2**2 + 0.04 * (0.5 + 2.0 / 40))
+    assert segments.interval[10] == inputs.GAP_CORRELATION
+    np.testing.assert_allclose(np.delete(segments.interval, 10), 0.05)
+    assert np.sum(segments.v * durations(segments, 0)) == pytest.approx(0.2 + 1.2 + 0.4)
+
+
+def test_a_gap_before_the_start_is_not_told():
+    early = 50 * MS * np.arange(1, 11)
+    sampled = odometry(np.append(early, early + 2500 * MS), 0.4)
+    _, notes = robot_segments(sampled, ROBOT, QUIET, 2600 * MS, int(sampled.stamp[-1]))
+    assert notes == ()
+
+
+def test_after_its_last_sample_a_robot_goes_on_with_a_wide_error():
+    sampled = odometry(50 * MS * np.arange(1, 5), [0.0, 1.0, 0.0, 1.0], 0.0)
+    segments, _ = robot_segments(sampled, ROBOT, QUIET, 0, 450 * MS)
+    assert segments.end[-1] == 450 * MS
+    assert segments.v[-1] == 1.0
+    assert segments.var_v[-1] == pytest.approx(0.25 + 0.04 * (0.5 + 2.0 / 5))
+    assert segments.interval[-1] == pytest.approx(0.25)
+
+
+def test_a_single_sample_moves_nothing_before_its_stamp():
+    segments, _ = robot_segments(odometry([100], 1.0), ROBOT, QUIET, 0, 100)
+    assert segments.interval.tolist() == [0.0]
+    assert np.isfinite(segments.var_v).all()
+
+
+def test_noise_nobody_tells_is_assumed_and_said():
+    sampled = odometry([50 * MS, 100 * MS], 0.0)
+    segments, notes = robot_segments(sampled, ROBOT, Noise(), 0, 100 * MS)
+    assert len(notes) == 1
+    assert "does not tell the odometry noise of R1: assumed 0.1 m/s and 0.1 rad/s" in notes[0]
+    np.testing.assert_allclose(segments.var_v, inputs.DEFAULT_SIGMA_V**2)
+    for known in (replace(ROBOT, sigma_v=0.3, sigma_omega=0.2), ROBOT):
+        told = odometry([50 * MS, 100 * MS], 0.0, sigma=0.7 if known is ROBOT else np.nan)
+        segments, notes = robot_segments(told, known, Noise(), 0, 100 * MS)
+        assert notes == ()
+        np.testing.assert_allclose(segments.var_v, 0.49 if known is ROBOT else 0.09)
+
+
+def test_no_sensor_is_perfect():
+    sampled = odometry([50 * MS, 100 * MS], 0.5, sigma=0.0)
+    segments, _ = robot_segments(sampled, ROBOT, Noise(), 0, 100 * MS)
+    np.testing.assert_allclose(segments.var_v, inputs.LEAST_SIGMA_V**2)
+    np.testing.assert_allclose(segments.var_omega, inputs.LEAST_SIGMA_OMEGA**2)
+    table, _ = table_of(ranges([(1, 0, 2, 3.0)]), Noise(sigma_range=1e-9))
+    assert table.variance.tolist() == [inputs.LEAST_SIGMA_RANGE**2]
+
+
+def test_robots_stand_behind_one_another():
+    one, _ = robot_segments(odometry([50 * MS, 100 * MS], 1.0), ROBOT, QUIET, 0, 100 * MS)
+    two, _ = robot_segments(odometry([40 * MS, 80 * MS], 2.0), ROBOT, QUIET, 0, 100 * MS)
+    joined = join_segments([one, standing(), two])
+    assert joined.first.tolist() == [0, 2, 2, 5]
+    assert joined.end.tolist() == [50 * MS, 100 * MS, 40 * MS, 80 * MS, 100 * MS]
+    assert joined.v.tolist() == [1.0, 1.0, 2.0, 2.0, 2.0]
+    assert joined.first.dtype == joined.end.dtype == np.int64
+
+
+@pytest.mark.parametrize("tau", [0.02, 0.1, 0.5])
+def test_correlated_ranges_tell_as_much_as_their_mean(tau):
+    """The variance of the mean of n correlated errors is that of n white ones, so widened."""
+    n, dt = 20_000, 0.01
+    lag = np.arange(n)
+    rho = np.exp(-lag * dt / tau)
+    of_the_mean = (1.0 + 2.0 * np.sum((1.0 - lag[1:] / n) * rho[1:])) / n
+    widened = correlated_variance(
+        np.ones(n), (lag * 10 * MS).astype(np.int64), np.zeros(n, np.int64), tau
+    )
+    np.testing.assert_allclose(widened / n, of_the_mean, rtol=1e-2)
+
+
+def test_simulated_correlated_errors_are_as_large_as_the_widened_variance_says():
+    """Means over 400 samples of an AR(1) process with sigma 0.3 m."""
+    rng, n, tau, dt = np.random.default_rng(1), 400, 0.05, 0.01
+    rho = np.exp(-dt / tau)
+    white = 0.3 * rng.standard_normal((4000, n))
+    errors = white[:, 0]
+    total = errors.copy()
+    for k in range(1, n):
+        errors = rho * errors + np.sqrt(1.0 - rho**2) * white[:, k]
+        total += errors
+    stamp = 10 * MS * np.arange(n)
+    widened = correlated_variance(np.full(n, 0.09), stamp, np.zeros(n, np.int64), tau)
+    assert np.var(total / n) == pytest.approx(1.0 / np.sum(1.0 / widened), rel=0.08)
+
+
+@given(st.integers(0, 10**6), st.integers(1, 80), st.floats(0.001, 10.0))
+@settings(deadline=None)
+def test_correlation_never_sharpens_and_keeps_pairs_apart(seed, size, tau):
+    rng = np.random.default_rng(seed)
+    stamp = np.sort(rng.integers(0, 10**9, size))
+    pair = rng.integers(0, 4, size)
+    variance = rng.uniform(0.01, 1.0, size)
+    widened = correlated_variance(variance, stamp, pair, tau)
+    assert np.isfinite(widened).all()
+    assert np.all(widened >= variance)
+    for one in range(4):
+        own = pair == one
+        alone = correlated_variance(variance[own], stamp[own], pair[own], tau)
+        np.testing.assert_array_equal(widened[own], alone)
+
+
+def test_correlation_at_its_limits():
+    variance, stamp, pair = np.array([0.1, 0.2]), np.array([0, 10**9]), np.array([0, 0])
+    np.testing.assert_array_equal(correlated_variance(variance, stamp, pair, 0.0), variance)
+    np.testing.assert_allclose(correlated_variance(variance, stamp, pair, 1e-3), variance)
+    np.testing.assert_array_equal(correlated_variance(variance, stamp, np.arange(2), 9.0), variance)
+    none = np.empty(0)
+    assert correlated_variance(none, none.astype(np.int64), none.astype(np.int64), 1.0).size == 0
+    same = correlated_variance(variance, np.zeros(2, np.int64), pair, 1.0)
+    assert np.isfinite(same).all()
+    assert np.all(same > 1e6)
+
+
+TEAM = Team(
+    (
+        Robot("A1", 1, static=True, position=(1.0, 2.0)),
+        Robot("A2", 2, static=True, position=(5.0, 6.0)),
+        Robot("R1", 3),
+        Robot("R2", 4),
+        Robot("R3", 5),
+    ),
+    range_sigma=0.1,
+)
+
+
+def ranges(rows, sigma=np.nan):
+    """(stamp, source, target, range) per row."""
+    stamp, source, target = (np.array([row[k] for row in rows], np.int64) for k in range(3))
+    value = np.array([row[3] for row in rows], float)
+    told = np.broadcast_to(np.asarray(sigma, float), value.shape)
+    return Ranges(stamp, stamp, source, target, value, value, told, np.arange(stamp.size))
+
+
+def table_of(measured, noise=QUIET, start=0, end=100, state=None):
+    """R1 and R2 in the state, A1 and A2 fixed, R3 nowhere."""
+    anchors = {k: np.array(TEAM.robots[k].position) for k in (0, 1)}
+    return range_table(measured, TEAM, state or {2: 0, 3: 1}, anchors, noise, start, end)
+
+
+def test_a_range_needs_both_ends_placed_and_one_in_the_state():
+    measured = ranges(
+        [
+            (1, 2, 3, 1.0),
+            (2, 0, 2, 2.0),
+            (3, 3, 1, 3.0),
+            (4, 0, 1, 4.0),
+            (5, 2, 4, 5.0),
+            (6, 4, 0, 6.0),
+        ]
+    )
+    table, notes = table_of(measured)
+    assert notes == ()
+    assert table.row.tolist() == [0, 1, 2]
+    assert table.range.tolist() == [1.0, 2.0, 3.0]
+    assert table.a.tolist() == [0, -1, 1]
+    assert table.b.tolist() == [1, 0, -2]
+    assert table.anchor[1:].tolist() == [[1.0, 2.0], [5.0, 6.0]]
+    np.testing.assert_allclose(table.variance, 0.01)
+
+
+def test_ranges_count_after_the_start_and_up_to_the_end():
+    measured = ranges([(t, 2, 3, float(t)) for t in (9, 10, 11, 20, 21)])
+    table, _ = table_of(measured, start=10, end=20)
+    assert table.stamp.tolist() == [11, 20]
+
+
+def test_the_state_may_hold_static_robots():
+    table, _ = table_of(ranges([(1, 0, 2, 2.0), (2, 0, 1, 2.0)]), state={0: 0, 2: 1})
+    assert (table.a.tolist(), table.b.tolist()) == ([0, 0], [1, -2])
+
+
+def test_range_noise_by_precedence():
+    measured = ranges([(1, 2, 3, 1.0), (2, 2, 3, 1.0)], sigma=[0.5, np.nan])
+    np.testing.assert_allclose(table_of(measured)[0].variance, [0.25, 0.01])
+    np.testing.assert_allclose(table_of(measured, Noise(sigma_range=0.3))[0].variance, 0.09)
+    silent = replace(TEAM, range_sigma=np.nan)
+    table, notes = range_table(measured, silent, {2: 0, 3: 1}, {}, QUIET, 0, 100)
+    np.testing.assert_allclose(table.variance, [0.25, inputs.DEFAULT_SIGMA_RANGE**2])
+    assert len(notes) == 1
+    assert "assumed 0.1 m" in notes[0]
+
+
+def test_both_directions_of_a_pair_share_its_correlation():
+    back_and_forth = ranges([(k * 10 * MS, *((2, 3), (3, 2))[k % 2], 1.0) for k in range(1, 9)])
+    noise = Noise(sigma_range=0.1, correlation_time=0.05)
+    table, _ = table_of(back_and_forth, noise, end=10**9)
+    rho = np.exp(-0.01 / 0.05)
+    np.testing.assert_allclose(table.weight_variance, 0.01 * (1 + rho) / (1 - rho))
+    np.testing.assert_allclose(table.variance, 0.01)
+
+
+def test_the_log_tells_the_correlation_unless_the_user_does():
+    measured = ranges([(k * 10 * MS, 2, 3, 1.0) for k in range(1, 9)])
+    team = replace(TEAM, range_correlation=0.05)
+
+    def factor(noise):
+        table, _ = range_table(measured, team, {2: 0, 3: 1}, {}, noise, 0, 10**9)
+        return table.weight_variance / table.variance
+
+    rho = np.exp(-0.01 / 0.05)
+    np.testing.assert_allclose(factor(QUIET), (1 + rho) / (1 - rho))
+    np.testing.assert_array_equal(factor(Noise(correlation_time=0.0)), 1.0)
+
+
+def test_no_ranges_make_an_empty_table():
+    table, notes = table_of(ranges([]), Noise(correlation_time=1.0))
+    assert notes == ()
+    assert all(column.shape[0] == 0 for column in table)
+
+
+def test_uneven_steps_are_not_gaps_but_lost_samples_are():
+    rng = np.random.default_rng(0)
+    even = np.arange(400) * 50_000_000
+    uneven = even + rng.normal(0.0, 15e6, 400).astype(np.int64)
+    assert not inputs.odometry_gaps(np.sort(uneven)).any()
+    lost = np.delete(even, [50, 200, 201])
+    np.testing.assert_array_equal(np.flatnonzero(inputs.odometry_gaps(lost)), [50, 199])
+    assert inputs.odometry_gaps(even[:1]).tolist() == [False]
+
+
+def test_instants_are_not_averaged_across_a_gap():
+    stamp = np.array([0, 50, 100, 1000, 1050]) * 1_000_000
+    nan = np.full(5, np.nan)
+    v = np.array([0.0, 1.0, 2.0, 8.0, 9.0])
+    mean, _ = inputs.interval_twist(
+        Odometry(stamp, stamp, v, v, nan, nan), Robot("R1", 1, twist="instant")
+    )
+    assert mean.tolist() == [0.0, 0.5, 1.5, 8.0, 8.5]
+
+
+def test_what_was_not_seen_is_as_uncertain_as_the_twist_changes_over_so_long():
+    t = np.arange(2000) * 0.05
+    v, noise = np.sin(t), np.full(2000, 1e-12)
+    short, long, beyond = inputs.unseen_variance(v, noise, np.array([1, 40, 5000]))
+    assert short == pytest.approx(0.5 * 2 * (1 - np.cos(0.05)) * 0.5, rel=0.05)
+    assert long == pytest.approx(0.5 * (1 - np.cos(2.0)), rel=0.05)
+    assert beyond == pytest.approx(0.5, rel=0.05)
+
+
+def test_a_correlation_beyond_every_log_leaves_variances_finite():
+    """Found by the fuzzer of commands: the log of a team may say 1e300 s."""
+    tau = inputs.correlation_time(Noise(), Team((), range_correlation=1e300))
+    stamp = np.array([0, 0, 10**8], np.int64)
+    widened = correlated_variance(np.full(3, 0.01), stamp, np.zeros(3, np.int64), tau)
+    assert np.isfinite(widened).all()
