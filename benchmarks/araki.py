@@ -23,13 +23,13 @@ from relative import RelativeScore, bound, relative_start, score_bound, score_es
 
 from clt.core.recording import Recording
 from clt.estimation import estimators
-from clt.model.choices import View
+from clt.model.choices import FrameSpec
 from clt.model.settings import FilterSettings
 from clt.sim.scenario import Scenario, load_scenario
-from clt.sim.simulate import exact, simulate
+from clt.sim.simulate import simulate, simulate_exact
 
 EGO = "car1"
-VIEW = View("ego", (EGO,))
+VIEW = FrameSpec("ego", (EGO,))
 SCENES = {
     "two left turns": "araki-left-turns",
     "left turn and straight": "araki-left-straight",
@@ -93,16 +93,16 @@ def run(
     start = relative_start(recording, EGO, sigma, scenario.seed)
     result = {}
     for name in FILTERS:
-        poses = estimators.localize(
+        poses = estimators.localize_recording(
             recording, start, settings, estimators.Estimator(name, VIEW)
         ).poses
         result[name] = {car: score_estimate(recording, poses[car], car) for car in poses}
-    reckoned = estimators.dead_reckon(recording, start, settings, VIEW)
+    reckoned = estimators.dead_reckon_recording(recording, start, settings, VIEW)
     result["dead reckoning"] = {
         car: score_estimate(recording, reckoned[car], car) for car in reckoned
     }
     if bounded:
-        perfect = arrived(exact(scenario), recording)
+        perfect = arrived(simulate_exact(scenario), recording)
         sure = relative_start(perfect, EGO, sigma, None)
         best = bound(perfect, sure, settings, VIEW).poses
         result["bound"] = {car: score_bound(best[car]) for car in best}

@@ -23,13 +23,13 @@ from relative import relative_start, relative_truth
 
 from clt.core.recording import Floats, Poses, Recording
 from clt.estimation import estimators
-from clt.model.choices import View
+from clt.model.choices import FrameSpec
 from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
 
 EGO = "R1"
-VIEW = View("ego", (EGO,))
+VIEW = FrameSpec("ego", (EGO,))
 STARTS = ((0.1, 0.03), (0.3, 0.06), (0.5, 0.12))
 STEP = 0.1
 """Outputs of the scene, s."""
@@ -92,14 +92,14 @@ def study(
         scenario = load_scenario("li-three", {**overrides, "seed": seed})
         recording = simulate(scenario.model_copy(update={"robots": ()}) if wander else scenario)
         start = relative_start(recording, EGO, sigma, seed)
-        reckoned = estimators.dead_reckon(recording, start, FilterSettings(), VIEW)
+        reckoned = estimators.dead_reckon_recording(recording, start, FilterSettings(), VIEW)
         own = scores.setdefault("dead reckoning", Scores())
         own.square.append(squares(recording, reckoned))
         cases = [("pf", name, own_settings) for name, own_settings in CENTRAL.items()]
         cases += [("dpf", name, own_settings) for name, own_settings in DISTRIBUTED.items()]
         for kind, name, own_settings in cases:
             settings = FilterSettings.model_validate({kind: own_settings | {"seed": seed}})
-            posterior = estimators.localize(
+            posterior = estimators.localize_recording(
                 recording, start, settings, estimators.Estimator(kind, VIEW)
             )
             own = scores.setdefault(name, Scores())

@@ -9,13 +9,13 @@ from time import process_time
 import numpy as np
 from relative import relative_start
 
-from clt.filters.distributed.gaussians import gaussians
-from clt.filters.distributed.points import Points, copies, points
-from clt.filters.distributed.rounds import rounds_of, rows
-from clt.model.choices import View
+from clt.filters.distributed.gaussians import make_gaussian_member
+from clt.filters.distributed.points import ParticleMember, draw_copies, make_particle_member
+from clt.filters.distributed.rounds import make_rounds, select_ranges
+from clt.model.choices import FrameSpec
 from clt.model.inputs import RangeTable
-from clt.model.problem import Problem, lay_out
-from clt.model.settings import Dpf, FilterSettings
+from clt.model.problem import Problem, build_problem
+from clt.model.settings import DistributedSettings, FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
 
@@ -79,7 +79,7 @@ def problem_of(robots: int) -> Problem:
     scenario = load_scenario("li-three", {"team.moving": robots, "duration": 4.0})
     recording = simulate(scenario.model_copy(update={"robots": ()}))
     start = relative_start(recording, "R1", (0.1, 0.03), 1)
-    return lay_out(recording, start, FilterSettings(), View("ego", ("R1",)))
+    return build_problem(recording, start, FilterSettings(), FrameSpec("ego", ("R1",)))
 
 
 def both_ways(table: RangeTable) -> RangeTable:
@@ -93,16 +93,16 @@ def both_ways(table: RangeTable) -> RangeTable:
 def cost(robots: int, particles: int) -> Cost:
     """Time the parts of the second round."""
     problem = problem_of(robots)
-    settings = FilterSettings(dpf=Dpf(likelihood="shared", particles=particles))
-    rounds = rounds_of(problem, 0.1)
+    settings = FilterSettings(dpf=DistributedSettings(likelihood="shared", particles=particles))
+    rounds = make_rounds(problem, 0.1)
     first, second = (int(stamp) for stamp in rounds.end[:2])
-    robot = points(problem, settings, rounds)
+    robot = make_particle_member(problem, settings, rounds)
     robot.advance(first)
-    pairs = rows(problem.ranges, slice(rounds.first[1], rounds.first[2]))
-    own = rows(pairs, np.flatnonzero(rounds.owner[rounds.first[1] : rounds.first[2]] == 0))
+    pairs = select_ranges(problem.ranges, slice(rounds.first[1], rounds.first[2]))
+    own = select_ranges(pairs, np.flatnonzero(rounds.owner[rounds.first[1] : rounds.first[2]] == 0))
     link = np.zeros(0, np.int64)
 
-    def weigh(table: RangeTable, member: Points = robot) -> np.ndarray:
+    def weigh(table: RangeTable, member: ParticleMember = robot) -> np.ndarray:
         return member.message(table, member.distances(table)[0], link)
 
     told, twice = weigh(own), both_ways(pairs)
@@ -121,24 +121,24 @@ def cost(robots: int, particles: int) -> Cost:
     )
 
 
-def renew(robot: Points) -> None:
+def renew(robot: ParticleMember) -> None:
     """Draw particles anew with weights that are uneven enough."""
     member = robot.copy()
     member.cloud.log_weight[:] = -0.1 * np.arange(member.cloud.log_weight.size)
     member.cloud.log_weight[:] -= np.log(np.exp(member.cloud.log_weight).sum())
-    source = copies(member, 0.5)
+    source = draw_copies(member, 0.5)
     assert source is not None
     member.take(source)
 
 
 def functions(problem: Problem) -> tuple[float, int]:
     """CPU seconds of a round and bytes of an iteration with the default settings."""
-    settings, rounds = FilterSettings(), rounds_of(problem, 0.1)
+    settings, rounds = FilterSettings(), make_rounds(problem, 0.1)
     first, second = (int(stamp) for stamp in rounds.end[:2])
     robots = len(problem.drivers)
-    robot = gaussians(problem, settings, rounds)
+    robot = make_gaussian_member(problem, settings, rounds)
     robot.advance(first)
-    pairs = rows(problem.ranges, slice(rounds.first[1], rounds.first[2]))
+    pairs = select_ranges(problem.ranges, slice(rounds.first[1], rounds.first[2]))
     link = rounds.link[rounds.first[1] : rounds.first[2]]
     own = np.flatnonzero(rounds.owner[rounds.first[1] : rounds.first[2]] == 0)
     share = 1.0 / robots
@@ -146,7 +146,7 @@ def functions(problem: Problem) -> tuple[float, int]:
     def one_round() -> None:
         member = robot.copy()
         member.advance(second)
-        table = rows(pairs, own)
+        table = select_ranges(pairs, own)
         h, _ = member.distances(table)
         told = member.message(table, h, link[own])
         everyone = share * member.message(pairs, h, link)

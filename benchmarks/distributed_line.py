@@ -46,7 +46,7 @@ def errors(recording: Recording, seed: int, particles: int) -> tuple[float, floa
     found = []
     for keys in (complete, line, complete | {"seed": seed + 1000}):
         settings = FilterSettings.model_validate({"dpf": keys})
-        posterior = estimators.localize(
+        posterior = estimators.localize_recording(
             recording, start, settings, estimators.Estimator("dpf", VIEW)
         )
         found.append(float(squares(recording, posterior.poses).mean()))

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.core.recording import Floats, Recording
 from clt.estimation import estimators
 from clt.initialization.given.truth import from_truth
@@ -38,14 +38,15 @@ DRAWS = 10_000
 def score(recording: Recording, jacobians: str) -> tuple[float, float, float]:
     """Mean squared position error (m^2) and heading error (rad^2), mean NEES, after 10 s."""
     settings = FilterSettings.model_validate({"jacobians": jacobians})
-    posterior = estimators.localize(
+    posterior = estimators.localize_recording(
         recording, from_truth(recording, settings.initial.sigma), settings
     )
     rows = []
     for name, poses in posterior.poses.items():
         truth = recording.truth[name]
         e = np.stack(
-            [poses.x - truth.x, poses.y - truth.y, wrap(poses.heading - truth.heading)], axis=1
+            [poses.x - truth.x, poses.y - truth.y, wrap_angle(poses.heading - truth.heading)],
+            axis=1,
         )[200:]
         P = np.asarray(poses.covariance)[200:]
         nees = np.einsum("ni,ni->n", e, np.linalg.solve(P, e[:, :, None])[:, :, 0])

@@ -22,12 +22,12 @@ from relative import RelativeScore, bound, relative_start, score_bound, score_es
 from report import publish
 
 from clt.estimation import estimators
-from clt.model.choices import View
+from clt.model.choices import FrameSpec
 from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
-from clt.sim.simulate import exact, simulate
+from clt.sim.simulate import simulate, simulate_exact
 
-MUTUAL, EGO = View("mutual", ("R1", "R2")), View("ego", ("R1",))
+MUTUAL, EGO = FrameSpec("mutual", ("R1", "R2")), FrameSpec("ego", ("R1",))
 SETTINGS = FilterSettings.model_validate({"pf": {"kind": "sir", "particles": 20000}})
 ESTIMATORS = {
     "EKF": estimators.Estimator("ekf", MUTUAL),
@@ -60,11 +60,11 @@ def run(case: Case, seeds: int) -> tuple[dict[str, list[RelativeScore]], dict[st
     seconds = dict.fromkeys(ESTIMATORS, 0.0)
     for seed in range(1, seeds + 1):
         scenario = load_scenario("freeman", {"seed": seed})
-        recording, perfect = simulate(scenario), exact(scenario)
+        recording, perfect = simulate(scenario), simulate_exact(scenario)
         start = relative_start(recording, "R1", case.sigma, seed, case.error)
         for name, estimator in ESTIMATORS.items():
             begin = process_time()
-            posterior = estimators.localize(recording, start, SETTINGS, estimator)
+            posterior = estimators.localize_recording(recording, start, SETTINGS, estimator)
             seconds[name] += process_time() - begin
             scores[name].append(score_estimate(recording, posterior.poses["R2"], "R2"))
         # What an error of the size that was drawn leaves, told to the filter.
@@ -83,7 +83,7 @@ def main() -> None:
     recording = simulate(load_scenario("freeman", {"duration": 1.0}))  # Compiles once.
     for estimator in ESTIMATORS.values():
         start = relative_start(recording, "R1", (0.1, 0.1), 0)
-        estimators.localize(recording, start, SETTINGS, estimator)
+        estimators.localize_recording(recording, start, SETTINGS, estimator)
     lines = [
         (
             f"{options.seeds} seeds (`python benchmarks/freeman.py`): position RMSE of T21 in m, "

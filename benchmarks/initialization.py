@@ -16,24 +16,24 @@ from pathlib import Path
 
 import numpy as np
 
-from clt.calibration.apply import apply, read_calibration
-from clt.cli.commands.localize import read_settings
-from clt.core.geometry import wrap
-from clt.core.recording import WORLD, Floats, Poses, Recording
+from clt.calibration.apply import apply_calibration, read_calibration
+from clt.cli.commands.localize import read_filter_settings
+from clt.core.geometry import wrap_angle
+from clt.core.recording import WORLD_FRAME, Floats, Poses, Recording
 from clt.estimation.pipeline import estimate
 from clt.importers.thu import read_thu
-from clt.initialization.motion.layout import lay_out
+from clt.initialization.motion.layout import estimate_layout
 from clt.initialization.motion.motion import from_motion
-from clt.initialization.pair_distances import Pairs
+from clt.initialization.pair_distances import PairDistances
 from clt.initialization.status import Initialization
 from clt.metrics.evaluate import evaluate
 from clt.metrics.evaluation import EvaluateOptions
 from clt.model.settings import FilterSettings
-from clt.ranging.recover import recover
-from clt.sim.motion import paths
+from clt.ranging.recover import range_packets
+from clt.sim.motion import drive_paths
 from clt.sim.scenario import Scenario, load_scenario
-from clt.sim.simulate import exact, simulate
-from clt.sim.team import members
+from clt.sim.simulate import simulate, simulate_exact
+from clt.sim.team import team_members
 
 HERE = Path(__file__).parent
 DEFAULTS = FilterSettings()
@@ -51,11 +51,15 @@ def layout_table(runs: int) -> list[str]:
             points = spread_out(n, rng)
             whole = np.hypot(*(points[a] - points[b]).T)
             measured = whole + sigma * rng.normal(size=a.size)
-            found = lay_out(Pairs(a, b, measured, sigma), n, {})
+            found = estimate_layout(PairDistances(a, b, measured, sigma), n, {})
             error = found.position - points
             squared += float(np.sum(error**2)) / n / runs
             bound += (
-                float(np.trace(lay_out(Pairs(a, b, whole, sigma), n, {}).covariance)) / n / runs
+                float(
+                    np.trace(estimate_layout(PairDistances(a, b, whole, sigma), n, {}).covariance)
+                )
+                / n
+                / runs
             )
             worst = max(worst, float(np.max(np.hypot(*error.T))))
         rms, least = squared**0.5, bound**0.5
@@ -77,7 +81,7 @@ def starts(scenario: Scenario) -> dict[str, Floats]:
     """True poses (3,) at the start."""
     return {
         name: np.array([path.x[0], path.y[0], path.heading[0]])
-        for name, path in paths(scenario, members(scenario)).items()
+        for name, path in drive_paths(scenario, team_members(scenario)).items()
     }
 
 
@@ -89,7 +93,7 @@ def start_errors(scenario: Scenario, found: Initialization) -> tuple[list[Floats
         if robot.status != "ok" or robot.pose is None:
             errors.append(np.full(3, np.nan))
             continue
-        e = np.append(robot.pose.mean[:2] - true[:2], wrap(robot.pose.mean[2:] - true[2:]))
+        e = np.append(robot.pose.mean[:2] - true[:2], wrap_angle(robot.pose.mean[2:] - true[2:]))
         errors.append(e)
         nees.append(float(e @ np.linalg.solve(robot.pose.covariance, e)) / 3.0)
     return errors, nees
@@ -126,7 +130,7 @@ SOURCES: dict[str, dict[str, object]] = {"ranges": {}, "raw packets": {"radio": 
 def measured(scenario: Scenario) -> Recording:
     """A log of ranges without truth."""
     recording = replace(simulate(scenario), truth={})
-    return recording if scenario.radio is None else recover(recording).recording
+    return recording if scenario.radio is None else range_packets(recording).recording
 
 
 def start_table(logs: int) -> list[str]:
@@ -163,7 +167,9 @@ def run_errors(scenario: Scenario) -> tuple[list[bool], list[float], float, floa
     found = from_motion(recording, DEFAULTS)
     errors, nees = start_errors(scenario, found)
     made = estimate(recording, found.start, DEFAULTS).recording
-    team = evaluate(replace(made, truth=exact(scenario).truth), EvaluateOptions(align="none"))
+    team = evaluate(
+        replace(made, truth=simulate_exact(scenario).truth), EvaluateOptions(align="none")
+    )
     score = team.as_dict("")["team"]["estimate"]
     return [right(e) for e in errors], nees, score["ape"]["rmse"], score["heading"]["rmse"]
 
@@ -191,8 +197,8 @@ def run_table(seeds: int) -> list[str]:
 
 def thu_table(folder: Path) -> list[str]:
     """The real run, with surveyed static positions and in Shi's own frame."""
-    settings = read_settings(HERE / "thu.toml", [])
-    recording = apply(read_thu(folder), read_calibration(HERE / "thu_calibration.toml"))
+    settings = read_filter_settings(HERE / "thu.toml", [])
+    recording = apply_calibration(read_thu(folder), read_calibration(HERE / "thu_calibration.toml"))
     rows = [
         "| frame | align | APE RMSE, m | heading RMSE, rad | dead reckoning: m | rad |",
         "|---|---|---|---|---|---|",
@@ -224,7 +230,7 @@ def surveyed(recording: Recording) -> Recording:
     for robot in recording.team.static:
         if robot.position is not None:
             x, y = (np.full(span.size, value) for value in robot.position)
-            truth[robot.name] = Poses(WORLD, span, span, x, y, np.zeros(span.size))
+            truth[robot.name] = Poses(WORLD_FRAME, span, span, x, y, np.zeros(span.size))
     return replace(recording, truth=truth)
 
 

@@ -24,13 +24,13 @@ from clt.core.start import Start
 from clt.estimation import estimators
 from clt.estimation.replay import received
 from clt.metrics.associate import interpolate
-from clt.model.choices import View
+from clt.model.choices import FrameSpec
 from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
 
 EGO = "car1"
-VIEW = View("ego", (EGO,))
+VIEW = FrameSpec("ego", (EGO,))
 EKF = estimators.Estimator("ekf", VIEW)
 SIGMA = (0.3, 0.2)
 SCENES = ("araki-semicircles", "araki-five")
@@ -61,12 +61,12 @@ Distance RMSE over a run, mean and median over seeds and cars; the logs are 10 s
 def with_lag(lag: float) -> Way:
     """As received, fusing what is up to `lag` seconds late."""
     settings = FilterSettings(received={"lag": lag})
-    return lambda recording, start: received.replay(recording, start, settings, EKF).poses
+    return lambda recording, start: received.replay_recording(recording, start, settings, EKF).poses
 
 
 def by_stamp(recording: Recording, start: Start) -> Mapping[str, Poses]:
     """The sorted replay."""
-    return estimators.localize(recording, start, FilterSettings(), EKF).poses
+    return estimators.localize_recording(recording, start, FilterSettings(), EKF).poses
 
 
 def on_arrival(recording: Recording, start: Start) -> Mapping[str, Poses]:
@@ -86,7 +86,7 @@ def restamped(stream: Stream) -> Stream:
 
 def reckoned(recording: Recording, start: Start) -> Mapping[str, Poses]:
     """Odometry alone, as received."""
-    return received.dead_reckon(recording, start, FilterSettings(), VIEW)
+    return received.dead_reckon_replay(recording, start, FilterSettings(), VIEW)
 
 
 WAYS: dict[str, Way] = {

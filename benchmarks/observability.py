@@ -30,21 +30,26 @@ from typing import Any
 import numpy as np
 from processes import CLT, wall
 
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.core.recording import Floats, Recording
 from clt.core.start import InitialPose, Start
 from clt.estimation import estimators
 from clt.initialization.given.truth import from_truth
 from clt.log.recording.save import save
-from clt.model.settings import FilterSettings, Noise
+from clt.model.settings import FilterSettings, NoiseSettings
 from clt.observability.advice import setup_of
 from clt.observability.exact.analysis import Analysis, analyse
-from clt.observability.windows.gramian import windows
-from clt.observability.windows.reference import Reference, reference_of
-from clt.observability.windows.windows import SEEN_HEADING, SEEN_POSITION, STEP, look
+from clt.observability.windows.gramian import window_information
+from clt.observability.windows.reference import ReferenceTrajectories, build_reference
+from clt.observability.windows.windows import (
+    NOISE_STEP_S,
+    OBSERVED_HEADING_SIGMA,
+    OBSERVED_POSITION_SIGMA,
+    evaluate_windows,
+)
 from clt.sim.scenario import load_scenario
-from clt.sim.simulate import exact as without_noise
 from clt.sim.simulate import simulate
+from clt.sim.simulate import simulate_exact as without_noise
 
 LARGE, SMALL, TINY = (np.array([0.2, 0.2, 0.1]) * factor for factor in (1.0, 0.1, 0.001))
 """Standard deviations of the initial errors, m and rad. What is observable must overcome large ones
@@ -157,7 +162,7 @@ def invariant(error: Floats, place: Floats) -> Floats:
 
 def errors(recording: Recording, start: Start, names: list[str], centre: Floats) -> Floats:
     """Invariant errors (2, 3 n) at the start and at the end of one filter run."""
-    posterior = estimators.localize(recording, start, FilterSettings(gate=0.0))
+    posterior = estimators.localize_recording(recording, start, FilterSettings(gate=0.0))
     found = []
     for which in (0, -1):
         rows, places = [], []
@@ -168,21 +173,21 @@ def errors(recording: Recording, start: Start, names: list[str], centre: Floats)
             k = min(k, truth.stamp.size - 1)
             true = np.array([truth.x[k], truth.y[k], truth.heading[k]])
             difference = pose - true
-            difference[2] = wrap(difference[2])
+            difference[2] = wrap_angle(difference[2])
             rows.append(difference)
             places.append(0.5 * (pose[:2] + true[:2]) - centre)
         found.append(invariant(np.array(rows), np.array(places)).ravel())
     return np.array(found)
 
 
-def directions(reference: Reference) -> tuple[Floats, Floats, Floats]:
+def directions(reference: ReferenceTrajectories) -> tuple[Floats, Floats, Floats]:
     """Scaled information about (e, dtheta) of the whole log: eigenvalues, vectors, scales."""
     steps = reference.noise.shape[1]
-    Y = windows(reference, np.array([0]), steps, framed=False)[0]
+    Y = window_information(reference, np.array([0]), steps, framed=False)[0]
     return to_invariant(reference, Y)
 
 
-def to_invariant(reference: Reference, Y: Floats) -> tuple[Floats, Floats, Floats]:
+def to_invariant(reference: ReferenceTrajectories, Y: Floats) -> tuple[Floats, Floats, Floats]:
     """Back from the pose at the end: z = A x, so that the information of z is A^-T Y A^-1."""
     n = len(reference.robots)
     A = np.eye(3 * n)
@@ -191,7 +196,7 @@ def to_invariant(reference: Reference, Y: Floats) -> tuple[Floats, Floats, Float
         p = reference.pose[i, -1, :2] - centre
         A[3 * i, 3 * i + 2], A[3 * i + 1, 3 * i + 2] = p[1], -p[0]
     back = np.linalg.inv(A)
-    scale = np.tile([SEEN_POSITION, SEEN_POSITION, SEEN_HEADING], n)
+    scale = np.tile([OBSERVED_POSITION_SIGMA, OBSERVED_POSITION_SIGMA, OBSERVED_HEADING_SIGMA], n)
     value, vector = np.linalg.eigh(back.T @ Y @ back * scale[:, None] * scale)
     return value, vector, scale
 
@@ -200,7 +205,7 @@ def judge(
     kind: str, recording: Recording, silent: Recording, rng: np.random.Generator
 ) -> list[Verdict]:
     """Every joint direction of one log against filter runs; tiny errors without noise."""
-    reference = reference_of(recording, Noise(), STEP)
+    reference = build_reference(recording, NoiseSettings(), NOISE_STEP_S)
     names = [robot.name for robot in reference.robots]
     value, vector, scale = directions(reference)
     centre = reference.pose[:, :, :2].reshape(-1, 2).mean(axis=0)
@@ -243,7 +248,13 @@ def left(
             x, y = start.poses[name].mean[:2] - centre
             by[name] = np.array([ex - y * turn, ey + x * turn, turn])
         ends.append(errors(log, moved(start, by, sigma), names, centre)[1])
-    weight = step / np.tile([SEEN_POSITION, SEEN_POSITION, SEEN_HEADING], len(names)) ** 2
+    weight = (
+        step
+        / np.tile(
+            [OBSERVED_POSITION_SIGMA, OBSERVED_POSITION_SIGMA, OBSERVED_HEADING_SIGMA], len(names)
+        )
+        ** 2
+    )
     return float((ends[0] - ends[1]) @ weight / (2.0 * step @ weight))
 
 
@@ -377,7 +388,7 @@ def timings() -> list[str]:
 
 
 def along(recording: Recording) -> None:
-    look(reference_of(recording, Noise(), STEP), 10.0, framed=False)
+    evaluate_windows(build_reference(recording, NoiseSettings(), NOISE_STEP_S), 10.0, framed=False)
 
 
 def main() -> None:

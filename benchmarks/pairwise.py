@@ -27,13 +27,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.geometry import rotation, wrap
+from clt.core.geometry import rotation_matrix, wrap_angle
 from clt.core.recording import Floats
-from clt.initialization.pairwise.graph import combine
-from clt.initialization.pairwise.hypotheses import Hypotheses
-from clt.initialization.pairwise.likelihood import Pair
+from clt.initialization.pairwise.graph import combine_pairs
+from clt.initialization.pairwise.hypotheses import PairHypotheses
+from clt.initialization.pairwise.likelihood import PairRanges
 from clt.initialization.pairwise.pairwise import solve_pair
-from clt.initialization.pairwise.team import doubted, told
+from clt.initialization.pairwise.team import status_from_joints, with_pair_doubts
 from clt.initialization.status import RobotStatus
 
 STEP = 0.6
@@ -93,8 +93,8 @@ def arena(rng: np.random.Generator) -> Floats:
         if np.hypot(*(place[1] - place[0])) >= 1.0:
             break
     heading = rng.uniform(-np.pi, np.pi, 2)
-    away = rotation(-heading[0]) @ (place[1] - place[0])
-    return np.array([*away, float(wrap(heading[1] - heading[0]))])
+    away = rotation_matrix(-heading[0]) @ (place[1] - place[0])
+    return np.array([*away, float(wrap_angle(heading[1] - heading[0]))])
 
 
 def paper(_: np.random.Generator) -> Floats:
@@ -104,10 +104,12 @@ def paper(_: np.random.Generator) -> Floats:
 
 def measure(
     pose: Floats, motion: str, n: int, sigma: float, drift: float, rng: np.random.Generator
-) -> Pair:
+) -> PairRanges:
     """Noisy ranges along two tracks as odometry tells them."""
     a, b = track(motion, n, rng), track(motion, n, rng)
-    z = np.hypot(*(pose[:2] + b @ rotation(pose[2]).T - a).T) + sigma * rng.standard_normal(n)
+    z = np.hypot(*(pose[:2] + b @ rotation_matrix(pose[2]).T - a).T) + sigma * rng.standard_normal(
+        n
+    )
     step = drift / np.sqrt(2.0 * 15.0)
     k = np.arange(n)
     P = step**2 * np.minimum(k[:, None], k)[:, :, None, None] * np.eye(2)
@@ -116,10 +118,10 @@ def measure(
         error = np.cumsum(step * rng.standard_normal((n - 1, 2)), axis=0)
         told.append(p + np.vstack([np.zeros(2), error]))
     S = P[k, k]
-    return Pair(np.abs(z), np.full(n, sigma**2), *told, P, P, S, S, np.zeros((n, 2, 2)))
+    return PairRanges(np.abs(z), np.full(n, sigma**2), *told, P, P, S, S, np.zeros((n, 2, 2)))
 
 
-def spoil(pair: Pair, wild: int, in_a_row: bool, rng: np.random.Generator) -> None:
+def spoil(pair: PairRanges, wild: int, in_a_row: bool, rng: np.random.Generator) -> None:
     """Make some ranges too long, in place."""
     if in_a_row:
         first = rng.integers(0, pair.z.size - wild + 1)
@@ -128,11 +130,11 @@ def spoil(pair: Pair, wild: int, in_a_row: bool, rng: np.random.Generator) -> No
         pair.z[rng.choice(pair.z.size, wild, replace=False)] += rng.exponential(1.0, wild)
 
 
-def score(found: Hypotheses, best: RobotStatus, pose: Floats, seconds: float) -> Score:
+def score(found: PairHypotheses, best: RobotStatus, pose: Floats, seconds: float) -> Score:
     """Against the true pose."""
     assert best.pose is not None
     e = np.vstack([best.pose.mean, found.mean]) - pose
-    e[:, 2] = wrap(e[:, 2])
+    e[:, 2] = wrap_angle(e[:, 2])
     far, turned = float(np.hypot(e[0, 0], e[0, 1])), float(abs(e[0, 2]))
     squared = [x @ np.linalg.solve(C, x) for x, C in zip(e[1:], found.covariance, strict=True)]
     right = far < 1.0 and turned < np.radians(20.0)
@@ -141,7 +143,7 @@ def score(found: Hypotheses, best: RobotStatus, pose: Floats, seconds: float) ->
     return Score(right, could, min(squared) < REGION, unique, len(found.mean), far, turned, seconds)
 
 
-def timed(pair: Pair) -> tuple[Hypotheses, float]:
+def timed(pair: PairRanges) -> tuple[PairHypotheses, float]:
     """A solved pair and what it takes: the least of three, s."""
     seconds = []
     for _ in range(3):
@@ -171,8 +173,8 @@ def cell(
             spoil(pair, wild, in_a_row, rng)
         found, seconds = timed(pair)
         edges = {("R1", "R2"): found}
-        _, joints = combine("R1", edges, frozenset())
-        best = doubted(told(joints, 1, turns=True), edges)
+        _, joints = combine_pairs("R1", edges, frozenset())
+        best = with_pair_doubts(status_from_joints(joints, 1, turns=True), edges)
         scores.append(score(found, best, pose, seconds))
     right, could, covered, unique, count, far, turned, seconds = np.array(scores, np.float64).T
     wrong = int(np.sum((unique == 1.0) & (right == 0.0)))

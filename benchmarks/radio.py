@@ -21,8 +21,8 @@ import numpy as np
 from processes import CLT, iterating, wall
 
 from clt.core.recording import Floats, Ranges, Recording
-from clt.core.ticks import HZ, SPAN
-from clt.ranging.recover import recover
+from clt.core.ticks import COUNTER_PERIOD_TICKS, TICKS_PER_SECOND
+from clt.ranging.recover import range_packets
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
 
@@ -79,13 +79,13 @@ def accuracy(seeds: int) -> list[str]:
         for method in ("clock", "double-sided"):
             square, ratio = [], []
             for recording in recordings:
-                ranges = recover(recording, method).recording.ranges
+                ranges = range_packets(recording, method).recording.ranges
                 keep = ranges.stamp > recording.frames.stamp[0] + 2_000_000_000
                 error = errors(recording, ranges)[keep]
                 square.append(np.mean(error**2))
                 ratio.append(np.mean((error / ranges.sigma[keep]) ** 2))
             cells += [f"{100 * np.mean(square) ** 0.5:.2f}", f"{np.mean(ratio) ** 0.5:.3f}"]
-        chosen = {recover(recording).method for recording in recordings}
+        chosen = {range_packets(recording).method for recording in recordings}
         rows.append(f"| {name} | {' | '.join(cells)} | {', '.join(sorted(chosen))} |")
     return rows
 
@@ -96,8 +96,15 @@ def true_rates(recording: Recording) -> Floats:
     for robot in range(len(recording.team.robots)):
         own = frames.source == robot
         seconds = (frames.stamp[own][-1] - frames.stamp[own][0]) * 1e-9
-        step = int(frames.transmit[own][-1] - frames.transmit[own][0]) % SPAN
-        rates.append((step + SPAN * round((seconds * HZ - step) / SPAN)) / (seconds * HZ))
+        step = int(frames.transmit[own][-1] - frames.transmit[own][0]) % COUNTER_PERIOD_TICKS
+        rates.append(
+            (
+                step
+                + COUNTER_PERIOD_TICKS
+                * round((seconds * TICKS_PER_SECOND - step) / COUNTER_PERIOD_TICKS)
+            )
+            / (seconds * TICKS_PER_SECOND)
+        )
     return np.array(rates)
 
 
@@ -108,7 +115,7 @@ def skew_error(seeds: int) -> float:
     for seed in range(1, seeds + 1):
         recording = network(seed, **still)
         rates, index = true_rates(recording), recording.team.index
-        for (a, b), one in recover(recording, "clock").clocks.items():
+        for (a, b), one in range_packets(recording, "clock").clocks.items():
             worst = max(worst, abs(one.skew - (rates[index(a)] / rates[index(b)] - 1.0)))
     return worst
 

@@ -17,19 +17,19 @@ from pathlib import Path
 import numpy as np
 from report import publish
 
-from clt.calibration.apply import apply, read_calibration
-from clt.core.geometry import relative_pose, wrap
+from clt.calibration.apply import apply_calibration, read_calibration
+from clt.core.geometry import relative_pose, wrap_angle
 from clt.core.recording import Recording
 from clt.core.settings import read_toml
-from clt.estimation.estimators import Estimator, dead_reckon
+from clt.estimation.estimators import Estimator, dead_reckon_recording
 from clt.estimation.pipeline import estimate
-from clt.importers import FORMATS
+from clt.importers import IMPORT_FORMATS
 from clt.initialization.given.truth import from_truth
 from clt.initialization.pairwise.team import from_pairwise
 from clt.metrics.associate import as_array, interpolate
 from clt.metrics.evaluate import evaluate
 from clt.metrics.scores import Score
-from clt.model.choices import View
+from clt.model.choices import FrameSpec
 from clt.model.settings import FilterSettings
 
 HERE = Path(__file__).parent
@@ -52,7 +52,9 @@ FILTERS = ("ekf", "ukf", "pf", "mixture")
 
 def read(data: Path, form: str, path: str, calibration: str) -> Recording:
     """One log, calibrated."""
-    return apply(FORMATS[form].read(data / path), read_calibration(HERE / calibration))
+    return apply_calibration(
+        IMPORT_FORMATS[form].read(data / path), read_calibration(HERE / calibration)
+    )
 
 
 def row(log: str, recording: Recording, ego: str, other: str) -> str:
@@ -61,7 +63,7 @@ def row(log: str, recording: Recording, ego: str, other: str) -> str:
     start = from_truth(recording, settings.initial.sigma)
     cells = []
     for name in FILTERS:
-        made = estimate(recording, start, settings, Estimator(name, View("ego", (ego,))))
+        made = estimate(recording, start, settings, Estimator(name, FrameSpec("ego", (ego,))))
         scored = evaluate(made.recording)
         if len(cells) == 0:
             cells.append(cell(scored.dead_reckoning.scores[other]))
@@ -86,7 +88,7 @@ def start_row(log: str, recording: Recording, config: str | None) -> str:
     found = from_pairwise(recording, settings, ego)
     status, start = found.robots[other], found.start
     alone = replace(start, hypotheses=())
-    track = dead_reckon(recording, alone, settings, View("ego", (ego,)))[other]
+    track = dead_reckon_recording(recording, alone, settings, FrameSpec("ego", (ego,)))[other]
     begin = max(recording.truth[name].stamp[0] for name in (ego, other))
     k = int(np.searchsorted(track.stamp, begin))
     seen, pose = (
@@ -97,7 +99,7 @@ def start_row(log: str, recording: Recording, config: str | None) -> str:
     sigma = np.sqrt(status.pose.covariance.diagonal()) if status.pose is not None else np.zeros(3)
     return (
         f"| {log} | {other} in {ego} | {status.status}, {status.probability:.3f} | "
-        f"{np.hypot(d[0], d[1]):.2f} m, {abs(degrees(float(wrap(d[2])))):.1f} deg | "
+        f"{np.hypot(d[0], d[1]):.2f} m, {abs(degrees(float(wrap_angle(d[2])))):.1f} deg | "
         f"{sigma[0]:.2f} m, {sigma[1]:.2f} m, {degrees(sigma[2]):.1f} deg |"
     )
 

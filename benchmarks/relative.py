@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.geometry import relative_pose, wrap
+from clt.core.geometry import relative_pose, wrap_angle
 from clt.core.recording import Floats, Poses, Recording, Stamps
 from clt.core.start import InitialPose, Start
 from clt.estimation import estimators
 from clt.estimation.posterior import Posterior
 from clt.initialization.given.truth import from_truth
 from clt.metrics.associate import SECOND, as_array, interpolate
-from clt.model.choices import View
+from clt.model.choices import FrameSpec
 from clt.model.settings import FilterSettings
 
 MAX_GAP = 0.2
@@ -102,7 +102,7 @@ def score_estimate(recording: Recording, poses: Poses, other: str) -> RelativeSc
     at = covered(recording, (ego, other), poses.stamp)
     stamp, estimate = poses.stamp[at], as_array(poses)[at]
     d = estimate - relative_truth(recording, ego, other, stamp)
-    return score(np.sum(d[:, :2] ** 2, axis=1), wrap(d[:, 2]) ** 2, stamp)
+    return score(np.sum(d[:, :2] ** 2, axis=1), wrap_angle(d[:, 2]) ** 2, stamp)
 
 
 def score_bound(poses: Poses) -> RelativeScore:
@@ -112,6 +112,8 @@ def score_bound(poses: Poses) -> RelativeScore:
     return score(P[:, 0, 0] + P[:, 1, 1], P[:, 2, 2], poses.stamp)
 
 
-def bound(perfect: Recording, start: Start, settings: FilterSettings, view: View) -> Posterior:
+def bound(perfect: Recording, start: Start, settings: FilterSettings, view: FrameSpec) -> Posterior:
     """The EKF's covariance recursion with its Jacobians at the truth (Tichavsky et al. 1998)."""
-    return estimators.localize(perfect, start, settings, estimators.Estimator("ekf", view))
+    return estimators.localize_recording(
+        perfect, start, settings, estimators.Estimator("ekf", view)
+    )

@@ -15,14 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.core.recording import Floats, Poses, Recording
 from clt.core.start import InitialPose, Start
 from clt.estimation import estimators
 from clt.initialization.given.truth import from_truth
 from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
-from clt.sim.simulate import exact, simulate
+from clt.sim.simulate import simulate, simulate_exact
 
 SIGMA = (0.01, 0.01, 0.01)
 
@@ -49,7 +49,7 @@ def errors(poses: Poses, truth: Poses) -> Floats:
         [
             poses.x - truth.x[keep],
             poses.y - truth.y[keep],
-            wrap(poses.heading - truth.heading[keep]),
+            wrap_angle(poses.heading - truth.heading[keep]),
         ],
         axis=1,
     )
@@ -71,9 +71,9 @@ def run(recording: Recording, perfect: Recording, seed: int) -> Score:
     """Filter one log and its exact twin."""
     settings = FilterSettings()
     start = drawn(from_truth(recording, SIGMA), seed)
-    posterior = estimators.localize(recording, start, settings)
-    bound = estimators.localize(perfect, from_truth(perfect, SIGMA), settings)
-    alone = estimators.dead_reckon(recording, start, settings)
+    posterior = estimators.localize_recording(recording, start, settings)
+    bound = estimators.localize_recording(perfect, from_truth(perfect, SIGMA), settings)
+    alone = estimators.dead_reckon_recording(recording, start, settings)
     sums = np.zeros(7)
     count = 0
     for name, poses in posterior.poses.items():
@@ -132,7 +132,7 @@ def main() -> None:
     scores = []
     for seed in range(1, options.seeds + 1):
         scenario = load_scenario("shi-sim", {"seed": seed})
-        scores.append(run(simulate(scenario), exact(scenario), seed))
+        scores.append(run(simulate(scenario), simulate_exact(scenario), seed))
     text = table(scores)
     print(text)
     if options.out is not None:

@@ -20,10 +20,10 @@ from time import process_time
 
 from processes import CLT, iterating, wall
 
-from clt.estimation.estimators import FILTERPY, FILTERS
+from clt.estimation.estimators import FILTERPY_FILTERS, FILTERS
 from clt.filters.kalman.gaussian import solve_eskf
 from clt.initialization.given.truth import from_truth
-from clt.model.problem import Problem, lay_out
+from clt.model.problem import Problem, build_problem
 from clt.model.settings import FilterSettings
 from clt.model.solution import Filter
 from clt.sim.scenario import load_scenario
@@ -50,7 +50,7 @@ def problem(**overrides: object) -> tuple[Problem, FilterSettings]:
     recording = simulate(load_scenario("shi-sim", overrides))
     settings = FilterSettings()
     start = from_truth(recording, settings.initial.sigma)
-    return lay_out(recording, start, settings), settings
+    return build_problem(recording, start, settings), settings
 
 
 def seconds(solve: Filter, runs: int, laid_out: Problem, settings: FilterSettings) -> float:
@@ -67,7 +67,7 @@ def beside_filterpy(name: str, runs: int) -> str:
     """A row of the table: one filter on shi-sim, ours and filterpy's."""
     laid_out, settings = problem()
     ours = seconds(FILTERS[name], 8 * runs, laid_out, settings)
-    theirs = seconds(FILTERPY[name], 2, laid_out, settings)
+    theirs = seconds(FILTERPY_FILTERS[name], 2, laid_out, settings)
     return (
         f"| {name.upper()} alone, shi-sim, 300 s | {ours * 1e3:.1f} ms | filterpy: "
         f"{theirs:.2f} s | {theirs / ours:.0f} x faster |"

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.core.recording import Innovations, Poses, Recording, Robot, Team
 
 PERIOD = 50_000_000
@@ -60,7 +60,7 @@ def synthetic() -> Callable[..., Recording]:
             spread = np.arange(1, n + 1)[:, None, None] * np.diag([9e-4, 9e-4, 2.5e-5])
             truth[robot.name] = poses("world", stamp, rows)
             estimated, lost = rows + errors @ factor.T, rows + drift
-            estimated[:, 2], lost[:, 2] = wrap(estimated[:, 2]), wrap(lost[:, 2])
+            estimated[:, 2], lost[:, 2] = wrap_angle(estimated[:, 2]), wrap_angle(lost[:, 2])
             estimate[robot.name] = poses("world", stamp, estimated, np.tile(P, (n, 1, 1)))
             reckoned[robot.name] = poses("world", stamp, lost, spread)
         residual = 0.1 * rng.standard_normal(4 * n)
@@ -99,7 +99,7 @@ def moved() -> Callable[..., Recording]:
                 track,
                 x=rows[:, 0],
                 y=rows[:, 1],
-                heading=wrap(rows[:, 2]),
+                heading=wrap_angle(rows[:, 2]),
                 frame=track.frame if frame is None else frame,
             )
         return replace(recording, estimate=tracks)

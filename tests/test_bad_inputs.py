@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 
 from clt.cli.app import app
 from clt.core.recording import Robot, Team
-from clt.log.recording.metadata import TEAM, encode_team
+from clt.log.recording.metadata import TEAM_RECORD, encode_team
 from tests.log.logs import (
     Cdr,
     odometry_message,
@@ -95,7 +95,7 @@ def estimated():
 
 
 def written(topics, team=CREW, **more):
-    return write_log(topics, [(TEAM, encode_team(team))], **more)
+    return write_log(topics, [(TEAM_RECORD, encode_team(team))], **more)
 
 
 def base(command):
@@ -284,7 +284,7 @@ def with_team(**changes):
         record = dict(encode_team(CREW))
         robots = json.loads(record["robots"])
         robots[0].update(changes)
-        return write_log(base(command), [(TEAM, {**record, "robots": json.dumps(robots)})])
+        return write_log(base(command), [(TEAM_RECORD, {**record, "robots": json.dumps(robots)})])
 
     return build
 

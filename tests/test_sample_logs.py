@@ -80,7 +80,7 @@ def test_content_is_what_is_said_and_not_how_it_is_compressed(clt, tmp_path, mon
     line = "clt simulate shi-sim --duration 1 -o"
     clt(f"{line} a.mcap")
     clt(f"{line} b.mcap --set sensors.range.sigma=0.1001")
-    monkeypatch.setitem(write.COMPRESS, "zstd", lambda data: zstandard.compress(data, 19))
+    monkeypatch.setitem(write.COMPRESSORS, "zstd", lambda data: zstandard.compress(data, 19))
     clt(f"{line} c.mcap")
     a, b, c = (tmp_path / f"{name}.mcap" for name in "abc")
     assert a.read_bytes() != c.read_bytes()

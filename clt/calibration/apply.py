@@ -18,19 +18,19 @@ from pydantic import Field, ValidationError, field_validator
 
 from clt.core.document import Document
 from clt.core.errors import LogError, UsageError
-from clt.core.recording import CALIBRATION, Floats, Odometry, Ranges, Recording, Team
-from clt.core.settings import Settings, nearest, parse, read_toml
+from clt.core.recording import CALIBRATION_KEY, Floats, Odometry, Ranges, Recording, Team
+from clt.core.settings import Settings, did_you_mean, parse_settings, read_toml
 
-KEY = CALIBRATION
+KEY = CALIBRATION_KEY
 
-Factor = Annotated[float, Field(gt=0.0)]
+PositiveFactor = Annotated[float, Field(gt=0.0)]
 
 
 class PairCalibration(Settings):
     """One pair of radios, whichever of the two measured; a missing key is taken from `[range]`."""
 
     ends: tuple[str, str]
-    gain: Factor | None = None
+    gain: PositiveFactor | None = None
     offset: float | None = None
     """m."""
 
@@ -38,7 +38,7 @@ class PairCalibration(Settings):
 class RangeCalibration(Settings):
     """All pairs. With neither gain nor offset, pairs that are not listed stay as they are."""
 
-    gain: Factor | None = None
+    gain: PositiveFactor | None = None
     """1 where only an offset is given."""
     offset: float | None = None
     """m; 0 where only a gain is given."""
@@ -62,7 +62,7 @@ class RangeCalibration(Settings):
 class OdometryCalibration(Settings):
     """One robot's odometry."""
 
-    scale: Factor = 1.0
+    scale: PositiveFactor = 1.0
     """True over measured forward speed; omega is not scaled."""
     gyro_bias: float = 0.0
     """Measured omega of a robot that stands still, rad/s."""
@@ -78,10 +78,10 @@ class Calibration(Settings):
 
 def read_calibration(source: Path | Document) -> Calibration:
     """Read a calibration file. Raises UsageError naming the file and the key."""
-    return parse(Calibration, read_toml(source), str(source))
+    return parse_settings(Calibration, read_toml(source), str(source))
 
 
-def apply(recording: Recording, calibration: Calibration) -> Recording:
+def apply_calibration(recording: Recording, calibration: Calibration) -> Recording:
     """The recording with calibrated ranges and odometry, any earlier calibration taken back.
 
     Raises:
@@ -120,7 +120,7 @@ def _check_names(team: Team, calibration: Calibration) -> None:
     named += [("odometry", name) for name in calibration.odometry]
     for table, name in named:
         if name not in team.names:
-            hint = nearest(name, team.names)
+            hint = did_you_mean(name, team.names)
             raise UsageError(f"calibration: [{table}] names an unknown robot `{name}`{hint}")
 
 

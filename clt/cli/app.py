@@ -15,61 +15,61 @@ from typing import Annotated
 import typer
 
 from clt import __version__
-from clt.cli.console import FAILED, INTERRUPTED
+from clt.cli.console import EXIT_FAILED, EXIT_INTERRUPTED
 from clt.cli.environment import check_environment
-from clt.cli.lazy import Row, lazy_group
-from clt.cli.stdio import prepare
+from clt.cli.lazy import CommandEntry, lazy_group
+from clt.cli.stdio import prepare_stdio
 from clt.core.errors import CltError
 from clt.core.printable import printable
 
 COMMANDS = {
-    "demo": Row(
+    "demo": CommandEntry(
         "clt.cli.commands.demo:demo",
         "Simulate, localize, evaluate and plot, and say where each file went.",
     ),
-    "import": Row(
+    "import": CommandEntry(
         "clt.cli.commands.import_log:import_log", "Turn a data set of another format into a log."
     ),
-    "init": Row(
+    "init": CommandEntry(
         "clt.cli.commands.init:init",
         "Find the initial pose of every robot, or say why it cannot be told yet.",
     ),
-    "localize": Row(
+    "localize": CommandEntry(
         "clt.cli.commands.localize:localize",
         "Estimate where every robot is, and how sure that is, from its ranges and odometry.",
     ),
-    "simulate": Row(
+    "simulate": CommandEntry(
         "clt.cli.commands.simulate:simulate",
         "Simulate a team of robots: odometry, ranges and the truth go into a log.",
     ),
-    "evaluate": Row(
+    "evaluate": CommandEntry(
         "clt.cli.commands.evaluate:evaluate",
         "Score estimates against the truth, dead reckoning beside them.",
     ),
-    "observability": Row(
+    "observability": CommandEntry(
         "clt.cli.commands.observability:observability",
         "Tell what cannot be observed, in which direction, and what would change that.",
     ),
-    "plot": Row(
+    "plot": CommandEntry(
         "clt.cli.commands.plot:plot",
         "Draw trajectories, errors with their 3-sigma bounds, and range innovations.",
     ),
-    "range": Row(
+    "range": CommandEntry(
         "clt.cli.commands.range_log:range_log",
         "Turn the packets of a UWB broadcast network into ranges, as each robot would.",
     ),
-    "streams": Row(
+    "streams": CommandEntry(
         "clt.cli.commands.streams:streams",
         "Write a first streams.toml for a foreign log, guessed from its topics and types.",
     ),
-    "info": Row(
+    "info": CommandEntry(
         "clt.cli.commands.info:info", "Tell robots, pairs, rates, gaps, truth and faults of a log."
     ),
-    "settings": Row(
+    "settings": CommandEntry(
         "clt.cli.commands.settings:settings",
         "List every key of --set with type, unit, default and one line.",
     ),
-    "recover": Row(
+    "recover": CommandEntry(
         "clt.cli.commands.recover:recover",
         "Copy everything sound of a damaged log into a sound one, and say what was lost.",
     ),
@@ -89,26 +89,26 @@ def guard(command: Callable[..., int]) -> Callable[..., None]:
             print(f"clt: error: {printable(str(error))}", file=sys.stderr)
             code = error.code
         except MemoryError:
-            print(f"clt: error: {files(kwargs)}: memory ran out", file=sys.stderr)
-            code = FAILED
+            print(f"clt: error: {input_names(kwargs)}: memory ran out", file=sys.stderr)
+            code = EXIT_FAILED
         except OSError as error:
-            code = tell(error)
+            code = print_os_error(error)
         except KeyboardInterrupt:
             print("clt: interrupted", file=sys.stderr)
-            code = INTERRUPTED
+            code = EXIT_INTERRUPTED
         raise typer.Exit(code)
 
     return run
 
 
-def files(arguments: Mapping[str, object]) -> str:
+def input_names(arguments: Mapping[str, object]) -> str:
     """The files that a command was given to read, as far as its arguments show."""
     given = [arguments.get(name) for name in ("log", "logs", "source", "scenario", "path")]
     flat = [one for item in given for one in (item if isinstance(item, list | tuple) else [item])]
     return printable(", ".join(str(one) for one in flat if one is not None) or "clt")
 
 
-def tell(error: OSError) -> int:
+def print_os_error(error: OSError) -> int:
     """Say what could not be read or written; a reader of our output that left needs no word."""
     if not isinstance(error, BrokenPipeError):
         place = f"{error.filename}: " if error.filename is not None else ""
@@ -120,10 +120,10 @@ def tell(error: OSError) -> int:
         from clt.log.output import silence_stdout
 
         silence_stdout()
-    return FAILED
+    return EXIT_FAILED
 
 
-def show_version(wanted: bool) -> None:
+def print_version(wanted: bool) -> None:
     """`clt --version`."""
     if wanted:
         typer.echo(f"clt {__version__}")
@@ -142,21 +142,21 @@ app = typer.Typer(
 @app.callback()
 def root(
     version: Annotated[
-        bool, typer.Option("--version", callback=show_version, is_eager=True, help="Version.")
+        bool, typer.Option("--version", callback=print_version, is_eager=True, help="Version.")
     ] = False,
 ) -> None:
     """Where is every robot of a team, from ranges and wheel odometry alone."""
 
 
-def run() -> None:
+def run_program() -> None:
     """Run the program; `clt.cli.entry` handles signals before it imports this."""
-    prepare()
+    prepare_stdio()
     if len(sys.warnoptions) == 0:
         warnings.simplefilter("ignore")
     try:
         app()
     except OSError as error:  # of `clt --help` on a full disk
-        sys.exit(tell(error))
+        sys.exit(print_os_error(error))
 
 
 def main() -> None:

@@ -9,13 +9,13 @@ from clt.cli.console import Console
 
 
 @contextmanager
-def announced(console: Console, ranging: bool = False) -> Iterator[None]:
+def announce_compilation(console: Console, ranging: bool = False) -> Iterator[None]:
     """Say so, once, if a kernel has to be compiled meanwhile: one of ranging, else of a filter."""
-    watched: Callable[[Callable[[bool], None]], AbstractContextManager[None]]
+    watch: Callable[[Callable[[bool], None]], AbstractContextManager[None]]
     if ranging:
-        from clt.jit.kept import watched
+        from clt.jit.kept import watch_kernel_compilation as watch
     else:
-        from clt.jit.compiled import watched
+        from clt.jit.compiled import watch_numba_compilation as watch
 
     def say(kept: bool) -> None:
         if kept:
@@ -26,5 +26,5 @@ def announced(console: Console, ranging: bool = False) -> Iterator[None]:
                 "it in; name one with NUMBA_CACHE_DIR=DIR"
             )
 
-    with watched(say):
+    with watch(say):
         yield

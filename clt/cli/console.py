@@ -11,7 +11,7 @@ from clt.core.printable import printable
 if TYPE_CHECKING:
     from clt.core.recording import Fault  # importing it for real would load numpy for `clt --help`
 
-DONE, FAILED, USAGE, PARTIAL, INTERRUPTED = 0, 1, 2, 3, 130
+EXIT_DONE, EXIT_FAILED, EXIT_USAGE, EXIT_PARTIAL, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
 
 
 @dataclass
@@ -20,7 +20,7 @@ class Console:
 
     quiet: bool = False
     verbose: bool = False
-    code: int = DONE
+    code: int = EXIT_DONE
     warnings: list[str] = field(default_factory=list)
 
     def say(self, text: str) -> None:
@@ -40,7 +40,7 @@ class Console:
         """
         self.warnings.append(text)
         if partial:
-            self.code = PARTIAL
+            self.code = EXIT_PARTIAL
         if not self.quiet or partial:
             print(f"clt: warning: {printable(text)}", file=sys.stderr)
 

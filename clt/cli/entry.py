@@ -14,13 +14,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from types import FrameType
 
-WORDS = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}
+SIGNAL_MESSAGES = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}
 """What is said when a signal ends the program; its exit code is 128 and the signal's number."""
 
 
 def main() -> None:
     """Entry point of the program."""
-    answer(leave)
+    handle_signals(exit_on_signal)
     import threading
 
     outcome: list[BaseException] = []
@@ -28,9 +28,9 @@ def main() -> None:
 
     def work() -> None:
         try:
-            from clt.cli.app import run
+            from clt.cli.app import run_program
 
-            run()
+            run_program()
         except BaseException as error:  # noqa: BLE001 - raised again in the main thread
             outcome.append(error)
         finally:
@@ -38,25 +38,27 @@ def main() -> None:
 
     threading.Thread(target=work, name="command", daemon=True).start()
     finished.wait()
-    answer(signal.SIG_IGN)  # All is done and said; Python would let them end it without a word.
+    handle_signals(
+        signal.SIG_IGN
+    )  # All is done and said; Python would let them end it without a word.
     if len(outcome) > 0:
         raise outcome[0]
 
 
-def answer(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -> None:
-    """Handle every signal of WORDS that the program was not started to ignore."""
-    for name in WORDS:
+def handle_signals(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -> None:
+    """Handle every signal of SIGNAL_MESSAGES that the program was not started to ignore."""
+    for name in SIGNAL_MESSAGES:
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, handler)
 
 
-def leave(number: int, _frame: FrameType | None) -> None:
+def exit_on_signal(number: int, _frame: FrameType | None) -> None:
     """End the program at once: no unfinished file stays, one line is said."""
     # Not imported here: the import may have been interrupted just now.
     discard = getattr(sys.modules.get("clt.log.unfinished"), "discard", None)
     if discard is not None:
         discard()
     with suppress(OSError):  # Standard error may be closed.
-        os.write(2, f"clt: {WORDS[signal.Signals(number).name]}\n".encode())
+        os.write(2, f"clt: {SIGNAL_MESSAGES[signal.Signals(number).name]}\n".encode())
     os._exit(128 + number)

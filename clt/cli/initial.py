@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import degrees
 
-from clt.cli.compiling import announced
+from clt.cli.compiling import announce_compilation
 from clt.cli.console import Console
 from clt.core.document import Document
 from clt.core.errors import CltError
@@ -15,11 +15,11 @@ from clt.initialization.given.poses import from_poses
 from clt.initialization.given.recorded import from_record
 from clt.initialization.given.truth import from_truth
 from clt.initialization.motion.motion import from_motion
-from clt.initialization.status import Initialization, as_given
+from clt.initialization.status import Initialization, from_given_start
 from clt.model.settings import FilterSettings
 
 
-def find(
+def find_initial_poses(
     recording: Recording,
     method: str,
     settings: FilterSettings,
@@ -28,7 +28,7 @@ def find(
     *,
     kept: bool = False,
 ) -> tuple[str, Initialization]:
-    """Initial poses by one of `clt.cli.options.METHODS`, and the method that `auto` chose.
+    """Initial poses by one of `clt.cli.options.INIT_METHODS`, and the method that `auto` chose.
 
     `pairwise` tells them in the frame of the `ego`, else of the first moving robot; `auto` takes
     it in the frame of an ego with fewer than two static robots. Says which robots cannot be told;
@@ -40,25 +40,27 @@ def find(
         method = "pairwise"
     if method == "truth":
         start = from_truth(recording, settings.initial.sigma)
-        found = as_given(start, recording.team, "truth with heading, or no odometry, at the start")
-        missing(found, console)
+        found = from_given_start(
+            start, recording.team, "truth with heading, or no odometry, at the start"
+        )
+        warn_uncertain_robots(found, console)
         return method, found
     if method == "pairwise":
         from clt.initialization.pairwise.team import from_pairwise
 
-        with announced(console):
+        with announce_compilation(console):
             found = from_pairwise(recording, settings, ego)
         console.say(f"initial poses: from ranges between pairs, in the frame {found.frame}")
-        notes(found, console)
-        missing(found, console, kept=kept)
+        print_notes(found, console)
+        warn_uncertain_robots(found, console, kept=kept)
         return method, found
     if recorded is not None:
         console.say("initial poses: from the log's own record")
-        return "record", as_given(recorded, recording.team, "initial pose in the record")
+        return "record", from_given_start(recorded, recording.team, "initial pose in the record")
     if method == "auto" and ego is None and len(recording.team.static) < 2:
         from clt.initialization.given.known import from_references
 
-        with announced(console):
+        with announce_compilation(console):
             placed = from_references(recording, settings)
         if placed is not None:
             names, found = placed
@@ -66,16 +68,16 @@ def find(
                 f"initial poses: from the ground truth of {', '.join(names)}, what is surveyed "
                 "and ranges between pairs"
             )
-            notes(found, console)
-            missing(found, console)
+            print_notes(found, console)
+            warn_uncertain_robots(found, console)
             return "pairwise", found
-    with announced(console):
+    with announce_compilation(console):
         found = from_motion(recording, settings)
-    report(found, recording, console)
+    print_motion_start(found, recording, console)
     return "motion", found
 
 
-def notes(found: Initialization, console: Console) -> None:
+def print_notes(found: Initialization, console: Console) -> None:
     """Say what was left out and what was assumed."""
     for note in found.notes:
         console.warn(note)
@@ -83,31 +85,31 @@ def notes(found: Initialization, console: Console) -> None:
         console.say(line)
 
 
-def completed_start(
+def complete_start(
     recording: Recording, start: Start, settings: FilterSettings, console: Console
 ) -> Start:
     """A start in the world with the robots that a file of poses leaves out, placed by ranges.
 
     Says which cannot be placed, and why.
     """
-    from clt.initialization.given.known import completed, lacking
+    from clt.initialization.given.known import complete_given_start, robots_without_pose
 
-    left = lacking(recording, start)
+    left = robots_without_pose(recording, start)
     if len(left) == 0 or recording.ranges.stamp.size == 0:
         return start
     try:
-        with announced(console):
-            found = completed(recording, start, settings)
+        with announce_compilation(console):
+            found = complete_given_start(recording, start, settings)
     except CltError as error:
         console.warn(f"{', '.join(left)}: no initial pose in the file, and {error}", partial=True)
         return start
     console.say(f"initial poses of {', '.join(left)}: not in the file; from ranges between pairs")
-    notes(found, console)
-    missing(found, console)
+    print_notes(found, console)
+    warn_uncertain_robots(found, console)
     return found.start
 
 
-def start_for(
+def find_start(
     recording: Recording,
     init: str | Document,
     settings: FilterSettings,
@@ -125,12 +127,12 @@ def start_for(
     """
     if isinstance(init, Document):
         start = from_poses(recording, read_toml(init), str(init), settings.initial.sigma, ego)
-        return start if ego is not None else completed_start(recording, start, settings, console)
-    _, found = find(recording, init, settings, console, ego, kept=kept)
-    return start_of(found, recording)
+        return start if ego is not None else complete_start(recording, start, settings, console)
+    _, found = find_initial_poses(recording, init, settings, console, ego, kept=kept)
+    return start_if_any_moves(found, recording)
 
 
-def start_of(found: Initialization, recording: Recording) -> Start:
+def start_if_any_moves(found: Initialization, recording: Recording) -> Start:
     """The poses of the robots that are certain. Raises CltError if no moving one is."""
     start = found.start
     if not any(name in recording.odometry for name in start.poses):
@@ -142,7 +144,7 @@ def start_of(found: Initialization, recording: Recording) -> Start:
     return start
 
 
-def missing(found: Initialization, console: Console, *, kept: bool = False) -> None:
+def warn_uncertain_robots(found: Initialization, console: Console, *, kept: bool = False) -> None:
     """Say which robots have no certain pose, and why: once for all that share a reason."""
     reasons: dict[tuple[str, str, bool], list[str]] = {}
     for name, robot in found.robots.items():
@@ -153,12 +155,12 @@ def missing(found: Initialization, console: Console, *, kept: bool = False) -> N
         console.warn(f"{', '.join(names)} ({status}): {why}", partial=lacking)
 
 
-def report(found: Initialization, recording: Recording, console: Console) -> None:
+def print_motion_start(found: Initialization, recording: Recording, console: Console) -> None:
     """Say which robots start where, and which cannot be told and why."""
     frame = "the surveyed positions" if found.surveyed else "ranges (Shi's convention)"
     console.say(f"initial poses: from motion, in the frame of {frame}")
-    notes(found, console)
-    missing(found, console)
+    print_notes(found, console)
+    warn_uncertain_robots(found, console)
     for name, robot in found.robots.items():
         if robot.status == "ok" and robot.pose is not None and name in recording.odometry:
             x, y, heading = robot.pose.mean

@@ -16,8 +16,8 @@ from clt.log import output as target
 if TYPE_CHECKING:
     from clt.core.recording import Recording  # numpy, slow to import
 
-MEDIA_TYPE = "application/toml"
-OWN = ("config", "poses")
+TOML_MEDIA_TYPE = "application/toml"
+ONE_COMMAND_ROLES = ("config", "poses")
 """Roles of documents that say nothing about the results of later commands."""
 
 
@@ -56,11 +56,11 @@ class Inputs:
     def check(self, path: Path | None, force: bool) -> None:
         """Raise CltError unless the output, if any, may be written; to call before any work."""
         if path is not None:
-            target.check(path, force, self.paths)
+            target.check_output(path, force, self.paths)
 
     def output(self, path: Path, force: bool) -> AbstractContextManager[BinaryIO]:
         """Open the output, which appears whole or not at all. Raises CltError as `check` does."""
-        return target.output(path, force, self.paths)
+        return target.open_output(path, force, self.paths)
 
     @contextmanager
     def report(self, path: Path | None, force: bool) -> Iterator[TextIO]:
@@ -89,10 +89,10 @@ class Inputs:
         """
         from clt.core.recording import Attachment
 
-        gone = {f"{role}.toml" for role in (*OWN, *self.documents)}
+        gone = {f"{role}.toml" for role in (*ONE_COMMAND_ROLES, *self.documents)}
         kept = [one for one in recording.attachments if one.name not in gone]
         new = [
-            Attachment(f"{role}.toml", MEDIA_TYPE, document.data)
+            Attachment(f"{role}.toml", TOML_MEDIA_TYPE, document.data)
             for role, document in self.documents.items()
         ]
         return replace(recording, attachments=(*kept, *new))

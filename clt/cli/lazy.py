@@ -15,10 +15,10 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.exceptions import TyperException
 
-from clt.cli.console import USAGE
+from clt.cli.console import EXIT_USAGE
 
 
-class Row(NamedTuple):
+class CommandEntry(NamedTuple):
     """One command."""
 
     place: str
@@ -27,7 +27,7 @@ class Row(NamedTuple):
     """What `clt --help` says: the first line of the function's docstring."""
 
 
-def function(row: Row) -> Callable[..., int]:
+def load_command(row: CommandEntry) -> Callable[..., int]:
     """Import the function of a command."""
     module, _, name = row.place.partition(":")
     found: Callable[..., int] = getattr(import_module(module), name)
@@ -35,7 +35,7 @@ def function(row: Row) -> Callable[..., int]:
 
 
 def lazy_group(
-    rows: Mapping[str, Row], wrap: Callable[[Callable[..., int]], Callable[..., None]]
+    rows: Mapping[str, CommandEntry], wrap: Callable[[Callable[..., int]], Callable[..., None]]
 ) -> type[TyperGroup]:
     """A group of typer whose commands are `rows`, each function wrapped by `wrap`."""
 
@@ -72,7 +72,7 @@ def lazy_group(
             except TyperException as error:
                 from clt.cli.usage import usage_line
 
-                code = USAGE
+                code = EXIT_USAGE
                 if type(error).__name__ == "NoArgsIsHelpError":
                     print(error.format_message(), file=sys.stderr)
                 else:
@@ -82,7 +82,7 @@ def lazy_group(
         def load(self, name: str | None) -> Any:
             """The command with all its options."""
             one = typer.Typer(add_completion=False)
-            one.command(name)(wrap(function(rows[str(name)])))
+            one.command(name)(wrap(load_command(rows[str(name)])))
             return typer.main.get_command(one)
 
     return Lazy

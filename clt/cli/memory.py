@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-MMAP_THRESHOLD = -3
+MALLOPT_MMAP_THRESHOLD = -3
 """glibc's M_MMAP_THRESHOLD."""
-BLOCK = 1 << 16
+MMAP_THRESHOLD_BYTES = 1 << 16
 
 
 def return_freed_memory() -> None:
@@ -16,6 +16,6 @@ def return_freed_memory() -> None:
     import ctypes
 
     try:
-        ctypes.CDLL(None).mallopt(MMAP_THRESHOLD, BLOCK)
+        ctypes.CDLL(None).mallopt(MALLOPT_MMAP_THRESHOLD, MMAP_THRESHOLD_BYTES)
     except (OSError, AttributeError):  # another C library
         return

@@ -7,32 +7,34 @@ from typing import Annotated
 
 import typer
 
-Log = Annotated[
+LogArgument = Annotated[
     Path,
     typer.Argument(
         help="A log: MCAP, .db3 or the folder of a ROS 2 bag; `-` is standard input.", metavar="LOG"
     ),
 ]
-Output = Annotated[
+OutputOption = Annotated[
     Path, typer.Option("-o", "--output", help="Where the result goes; `-` is standard output.")
 ]
-Report = Annotated[
+ReportOption = Annotated[
     Path | None,
     typer.Option("-o", "--output", help="Where the report goes instead of standard output."),
 ]
-Streams = Annotated[
+StreamsOption = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Topics of a log that clt did not write (TOML)."),
 ]
-Force = Annotated[bool, typer.Option("--force", help="Overwrite a file that exists.")]
-Json = Annotated[bool, typer.Option("--json", help="Machine output on stdout, nothing else there.")]
-Quiet = Annotated[
+ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite a file that exists.")]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Machine output on stdout, nothing else there.")
+]
+QuietOption = Annotated[
     bool,
     typer.Option("-q", "--quiet", help="Only errors on stderr, and what leads to exit code 3."),
 ]
-Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say more on stderr.")]
-METHODS = ("auto", "motion", "pairwise", "truth")
+VerboseOption = Annotated[bool, typer.Option("-v", "--verbose", help="Say more on stderr.")]
+INIT_METHODS = ("auto", "motion", "pairwise", "truth")
 """What `--init` and `clt init --method` take."""
-Set = Annotated[
+SetOption = Annotated[
     list[str], typer.Option("--set", metavar="KEY=VALUE", help="Set one key; may be repeated.")
 ]

@@ -12,11 +12,11 @@ import typer
 if TYPE_CHECKING:
     from clt.cli.console import Console
     from clt.core.recording import Recording
-    from clt.log.recording.clocks.parts import Part
+    from clt.log.recording.clocks.parts import LogPart
     from clt.log.recording.clocks.timeline import Timeline
     from clt.log.recording.load import LoadedLog
 
-From = Annotated[
+FromOption = Annotated[
     str | None,
     typer.Option(
         "--from",
@@ -25,14 +25,14 @@ From = Annotated[
         "2025-01-31T12:00:00 (UTC) or in seconds since 1970.",
     ),
 ]
-To = Annotated[
+ToOption = Annotated[
     str | None, typer.Option("--to", metavar="T", help="Use it up to here; as --from takes it.")
 ]
-EPOCH = 1_000_000_000
+MIN_UNIX_SECONDS = 1_000_000_000
 """Numbers from here on count from 1970 (this one is a day in 2001), smaller ones from the log."""
-NUMBER = re.compile(r"[+-]?(\d+)(\.\d*)?")
-LIMITS = (-(1 << 62), 1 << 62)
-OTHERS = 3
+SECONDS_NUMBER_PATTERN = re.compile(r"[+-]?(\d+)(\.\d*)?")
+STAMP_LIMITS_NS = (-(1 << 62), 1 << 62)
+MAX_OTHER_PARTS = 3
 """So many other parts are listed."""
 
 
@@ -57,27 +57,27 @@ class Period:
     until: Instant | None
 
 
-ALWAYS = Period(None, None)
+WHOLE_LOG = Period(None, None)
 
 
-def period_of(since: str | None, until: str | None) -> Period:
+def parse_period(since: str | None, until: str | None) -> Period:
     """What `--from` and `--to` say. Raises UsageError for what is no time."""
     return Period(
-        None if since is None else instant("--from", since),
-        None if until is None else instant("--to", until),
+        None if since is None else parse_instant("--from", since),
+        None if until is None else parse_instant("--to", until),
     )
 
 
-def instant(option: str, text: str) -> Instant:
+def parse_instant(option: str, text: str) -> Instant:
     """A time as a user writes it. Raises UsageError."""
     from clt.core.errors import UsageError
 
     try:
-        if NUMBER.fullmatch(text) is not None:
+        if SECONDS_NUMBER_PATTERN.fullmatch(text) is not None:
             whole, _, part = text.partition(".")
             ns = int(whole + (part + "0" * 9)[:9])
-            if LIMITS[0] < ns < LIMITS[1]:
-                return Instant(ns, ns < EPOCH * 1_000_000_000)
+            if STAMP_LIMITS_NS[0] < ns < STAMP_LIMITS_NS[1]:
+                return Instant(ns, ns < MIN_UNIX_SECONDS * 1_000_000_000)
         time = datetime.fromisoformat(text)
         time = time.replace(tzinfo=UTC) if time.tzinfo is None else time
         since = time - datetime(1970, 1, 1, tzinfo=UTC)
@@ -90,7 +90,7 @@ def instant(option: str, text: str) -> Instant:
         ) from None
 
 
-def usable(loaded: LoadedLog, period: Period, console: Console) -> Recording:
+def select_usable_part(loaded: LoadedLog, period: Period, console: Console) -> Recording:
     """What a command uses of a log, once its faults are said: one part that holds together.
 
     That is what the period leaves of it; of several parts in there (see
@@ -98,22 +98,22 @@ def usable(loaded: LoadedLog, period: Period, console: Console) -> Recording:
     period without data, CltError where no part has both odometry and ranges though the log does.
     """
     from clt.core.errors import CltError
-    from clt.log.recording.clocks.excerpt import part_of
-    from clt.log.recording.clocks.findings import KINDS
-    from clt.log.recording.clocks.timeline import faults_of, look
+    from clt.log.recording.clocks.excerpt import extract_part
+    from clt.log.recording.clocks.findings import CLOCK_FAULT_KINDS
+    from clt.log.recording.clocks.timeline import find_timeline, timeline_faults
 
     whole = loaded.recording
-    console.report(tuple(fault for fault in whole.faults if fault.kind not in KINDS))
-    recording = within(loaded, period)
-    timeline = look(recording, results=True)
+    console.report(tuple(fault for fault in whole.faults if fault.kind not in CLOCK_FAULT_KINDS))
+    recording = cut_to_period(loaded, period)
+    timeline = find_timeline(recording, results=True)
     if timeline is None:
         return recording
-    console.report(faults_of(timeline, loaded.path))
+    console.report(timeline_faults(timeline, loaded.path))
     part = timeline.parts[0]
-    text = used(timeline, part)
+    text = used_part_text(timeline, part)
     if len(text) > 0:
         console.warn(f"{loaded.path}: {text}", partial=True)
-    chosen = part_of(recording, timeline, part)
+    chosen = extract_part(recording, timeline, part)
     lost = [
         what
         for what, before, after in (
@@ -130,49 +130,49 @@ def usable(loaded: LoadedLog, period: Period, console: Console) -> Recording:
     return chosen
 
 
-def within(loaded: LoadedLog, period: Period) -> Recording:
+def cut_to_period(loaded: LoadedLog, period: Period) -> Recording:
     """What a period leaves of a log. Raises UsageError where that is nothing."""
     from clt.core.errors import UsageError
-    from clt.log.recording.clocks.excerpt import cut
-    from clt.log.recording.clocks.findings import moment
+    from clt.log.recording.clocks.excerpt import cut_recording
+    from clt.log.recording.clocks.findings import stamp_text
     from clt.log.recording.clocks.timeline import first_stamp
 
     recording = loaded.recording
     start = first_stamp(recording)
     if start is None or (period.since is None and period.until is None):
         return recording
-    low = LIMITS[0] if period.since is None else period.since.of(start)
-    high = LIMITS[1] if period.until is None else period.until.of(start)
-    found = cut(recording, low, high)
+    low = STAMP_LIMITS_NS[0] if period.since is None else period.since.of(start)
+    high = STAMP_LIMITS_NS[1] if period.until is None else period.until.of(start)
+    found = cut_recording(recording, low, high)
     if high < low or first_stamp(found) is None:
         raise UsageError(
             f"{loaded.path}: no data between --from and --to; the first stamp of the log is "
-            f"{moment(start)}"
+            f"{stamp_text(start)}"
         )
     return found
 
 
-def used(timeline: Timeline, part: Part) -> str:
+def used_part_text(timeline: Timeline, part: LogPart) -> str:
     """Which part is used, what of other clocks is not, and how to get other parts."""
-    from clt.log.recording.clocks.findings import moment
+    from clt.log.recording.clocks.findings import stamp_text
 
     every = sum(one.messages for one in timeline.parts)
     lines = []
     if len(timeline.parts) > 1:
         lines.append(
             f"only the part with the most messages ({part.messages} of {every}) is used, from "
-            f"{moment(part.begin)} to {moment(part.end, later=True)}"
+            f"{stamp_text(part.begin)} to {stamp_text(part.end, later=True)}"
         )
     left = timeline.left_out(part)
     if len(left) > 0:
         lines.append(f"left out: {'; '.join(left)}")
     apart = [one for one in timeline.parts if one.end < part.begin or one.begin > part.end]
     others = [
-        f"--from {moment(one.begin)} --to {moment(one.end, later=True)} (messages: {one.messages})"
-        for one in apart[:OTHERS]
+        f"--from {stamp_text(one.begin)} --to {stamp_text(one.end, later=True)} (messages: {one.messages})"
+        for one in apart[:MAX_OTHER_PARTS]
     ]
-    if len(apart) > OTHERS:
-        others.append(f"{len(apart) - OTHERS} more")
+    if len(apart) > MAX_OTHER_PARTS:
+        others.append(f"{len(apart) - MAX_OTHER_PARTS} more")
     if len(others) > 0:
         lines.append(f"others: {', '.join(others)}")
     return "; ".join(lines)

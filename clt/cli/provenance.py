@@ -13,22 +13,22 @@ from pathlib import Path
 
 from clt import __version__
 
-OUTPUT = ("-o", "--output")
-MANNERS = ("--force", "-q", "--quiet", "-v", "--verbose", "--json")
+OUTPUT_FLAGS = ("-o", "--output")
+PRESENTATION_FLAGS = ("--force", "-q", "--quiet", "-v", "--verbose", "--json")
 """Flags that change what is said, not what is written."""
 
-WORDS: ContextVar[Sequence[str] | None] = ContextVar("words", default=None)
+RECORDED_ARGUMENTS: ContextVar[Sequence[str] | None] = ContextVar("words", default=None)
 """What stands for this program's own arguments, if anything does."""
 
 
 @contextmanager
-def as_command(words: Sequence[str]) -> Iterator[None]:
-    """Let the records written inside hold `clt WORDS...`: the command that does the same alone."""
-    token = WORDS.set(words)
+def record_as_command(words: Sequence[str]) -> Iterator[None]:
+    """Let the records written inside hold `clt RECORDED_ARGUMENTS...`: the command that does the same alone."""
+    token = RECORDED_ARGUMENTS.set(words)
     try:
         yield
     finally:
-        WORDS.reset(token)
+        RECORDED_ARGUMENTS.reset(token)
 
 
 def run_record(inputs: Mapping[str, str], **documents: object) -> dict[str, str]:
@@ -37,7 +37,9 @@ def run_record(inputs: Mapping[str, str], **documents: object) -> dict[str, str]
     A document that is not a string already is written as JSON; NaN and infinity are refused.
     """
     record = {
-        "command": shlex.join(["clt", *essence(WORDS.get() or sys.argv[1:])]),
+        "command": shlex.join(
+            ["clt", *arguments_without_output(RECORDED_ARGUMENTS.get() or sys.argv[1:])]
+        ),
         "version": __version__,
         "inputs": json.dumps(dict(inputs)),
     }
@@ -46,16 +48,18 @@ def run_record(inputs: Mapping[str, str], **documents: object) -> dict[str, str]
     return record
 
 
-def essence(words: Sequence[str]) -> list[str]:
+def arguments_without_output(words: Sequence[str]) -> list[str]:
     """A command line without its output and manners: the same work leaves the same bytes."""
     kept: list[str] = []
     for before, word in zip(["", *words], words, strict=False):
         attached = word.startswith("--output=") or (word.startswith("-o") and word != "-o")
-        if not (before in OUTPUT or word in OUTPUT or word in MANNERS or attached):
+        if not (
+            before in OUTPUT_FLAGS or word in OUTPUT_FLAGS or word in PRESENTATION_FLAGS or attached
+        ):
             kept.append(word)
     return kept
 
 
-def digests(paths: Iterable[Path]) -> dict[str, str]:
+def file_digests(paths: Iterable[Path]) -> dict[str, str]:
     """SHA-256 of files, by name."""
     return {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}

@@ -7,7 +7,7 @@ import sys
 from typing import TextIO, cast
 
 
-def prepare() -> None:
+def prepare_stdio() -> None:
     """Let text that a terminal cannot show become `?`, and stand in for closed streams.
 
     Writing to a closed standard output then fails like any other write; what is said on a closed

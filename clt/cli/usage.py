@@ -7,7 +7,7 @@ from typing import Any
 
 from clt.core.printable import printable
 
-FORMS = (
+REPLACED_SENTENCES = (
     (r"Missing command\.", "give a command"),
     (r"Missing (?:argument|option|parameter) (.+?)\..*", r"\1 is missing"),
     (r"Got unexpected extra argument\(s\) \((.*)\)", r"unexpected: \1"),
@@ -24,30 +24,30 @@ def usage_line(error: Any, command: str | None) -> str:
 
     `command` is the one that was called, if it is known.
     """
-    from clt.core.settings import nearest
-    from clt.core.validation import QUOTE, describe, one_of, short
+    from clt.core.settings import did_you_mean
+    from clt.core.validation import SINGLE_QUOTE, describe_choice, describe_fault, shorten
 
     words = ["clt"] if command is None else ["clt", command]
     text = re.sub(r"\s*\(Possible options: .*\)$", "", error.format_message())
     fault = _fault(error)
     choice = re.search(r"Value error, '(.*)' is not one of (.*)\.$", text)
     if choice is not None:
-        found = one_of(re.findall(r"'([^']*)'", choice[2]), choice[1])
+        found = describe_choice(re.findall(r"'([^']*)'", choice[2]), choice[1])
         text = f"{_hint(text)} {found}"
     elif fault is not None:
-        text = f"{_hint(text)} {describe(fault)}"
-    for form, ours in FORMS:
+        text = f"{_hint(text)} {describe_fault(fault)}"
+    for form, ours in REPLACED_SENTENCES:
         text = re.sub(rf"^{form}$", ours, text, flags=re.DOTALL)
     option = str(getattr(error, "option_name", ""))
     if text.startswith("no such option"):
         known = [name for one in error.ctx.command.params for name in one.opts]
-        hint = nearest(option, known)
-        text = f"no such option {short(option)}" + ("" if hint.startswith(";") else hint)
+        hint = did_you_mean(option, known)
+        text = f"no such option {shorten(option)}" + ("" if hint.startswith(";") else hint)
     if text.startswith("no such command"):
-        hint = nearest(text.split("`")[1], error.ctx.command.commands)
+        hint = did_you_mean(text.split("`")[1], error.ctx.command.commands)
         text += "" if hint.startswith(";") else hint
     place = f"{words[-1]}: " if len(words) > 1 else ""
-    text = text.replace("' / '", "/").replace(QUOTE, "")
+    text = text.replace("' / '", "/").replace(SINGLE_QUOTE, "")
     return printable(f"{place}{text}; see {' '.join(words)} --help")
 
 

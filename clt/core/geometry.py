@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-ANY_HEADING = float(np.pi / np.sqrt(3.0))
+UNIFORM_HEADING_SIGMA = float(np.pi / np.sqrt(3.0))
 """Standard deviation of a heading of which nothing is known, rad: uniform on the circle."""
 
 
-def unknown_heading(variance: Floats) -> NDArray[np.bool_]:
+def is_heading_unknown(variance: Floats) -> NDArray[np.bool_]:
     """Whether nothing is known of headings with such variances (rad^2), any shape."""
-    return np.asarray(variance > (0.95 * ANY_HEADING) ** 2)
+    return np.asarray(variance > (0.95 * UNIFORM_HEADING_SIGMA) ** 2)
 
 
-def wrap(angle: Floats) -> Floats:
+def wrap_angle(angle: Floats) -> Floats:
     """Angle(s) in rad, any shape, brought into (-pi, pi]."""
     turned = np.pi - np.mod(np.pi - np.asarray(angle, dtype=np.float64), 2.0 * np.pi)
     return np.where(turned == -np.pi, np.pi, turned)  # mod rounds up to 2 pi just beyond pi
@@ -29,7 +29,7 @@ def heading_of_quaternion(x: Floats, y: Floats, z: Floats, w: Floats) -> Floats:
     return np.arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
-def rotation(heading: Floats | float) -> Floats:
+def rotation_matrix(heading: Floats | float) -> Floats:
     """Rotation matrix R(heading), shape (..., 2, 2): body vectors into the outer frame."""
     c, s = np.cos(heading), np.sin(heading)
     return np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
@@ -43,7 +43,7 @@ def relative_pose(a: Floats, b: Floats) -> Floats:
         [
             c * d[..., 0] + s * d[..., 1],
             -s * d[..., 0] + c * d[..., 1],
-            wrap(b[..., 2] - a[..., 2]),
+            wrap_angle(b[..., 2] - a[..., 2]),
         ],
         axis=-1,
     )

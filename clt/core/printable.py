@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-NAME = 100
+MAX_NAME_CHARS = 100
 """Characters of a name that are shown."""
-LINE = 4000
+MAX_LINE_CHARS = 4000
 """Characters of a whole line."""
 
 
-def printable(text: str, most: int = LINE) -> str:
+def printable(text: str, most: int = MAX_LINE_CHARS) -> str:
     r"""`text` as one line that moves no cursor and reorders nothing, of about `most` characters.
 
     Control, format and unassigned characters become their escapes, e.g. `\x1b`; the middle of
@@ -23,6 +23,6 @@ def printable(text: str, most: int = LINE) -> str:
     )
 
 
-def name(text: str, most: int = NAME) -> str:
+def printable_name(text: str, most: int = MAX_NAME_CHARS) -> str:
     """A name that a log gives."""
     return printable(text, most)

@@ -18,9 +18,9 @@ Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 Indices = NDArray[np.int64]
 
-Twist = Literal["mean", "instant"]
-WORLD = "world"
-CALIBRATION = "calibration"
+TwistSampling = Literal["mean", "instant"]
+WORLD_FRAME = "world"
+CALIBRATION_KEY = "calibration"
 """Which calibration the columns contain, as JSON: a key of the metadata of a team and of a run."""
 
 
@@ -36,7 +36,7 @@ class Robot:
     """Known position of a static robot in the `frame` of the team, m."""
     antenna: tuple[float, float] = (0.0, 0.0)
     """UWB antenna in the body frame, m."""
-    twist: Twist = "mean"
+    twist: TwistSampling = "mean"
     """An odometry sample is the mean over the interval that ends at its stamp, or an instant."""
     sigma_v: float = float("nan")
     """Noise of one odometry sample, m/s."""
@@ -71,7 +71,7 @@ class Team:
     """Correlation time of the error of one pair's ranges, s; 0: independent."""
     communication: Communication | None = None
     """How the robots talk to each other, where the log tells."""
-    frame: str = WORLD
+    frame: str = WORLD_FRAME
     """Id of the frame in which known positions are given."""
 
     @property
@@ -124,7 +124,7 @@ class Ranges:
 
 
 @dataclass(frozen=True)
-class Frames:
+class UwbPackets:
     """Packets of a UWB broadcast network as a listener heard them, shape (n,).
 
     Ticks are readings of the sender's 40-bit counter (see `clt.core.ticks`).
@@ -216,11 +216,11 @@ def no_ranges() -> Ranges:
     return Ranges(i, i, i, i, f, f, f, i)
 
 
-def no_frames() -> Frames:
+def no_uwb_packets() -> UwbPackets:
     """An empty table."""
     i, f = np.empty(0, np.int64), np.empty(0)
     none = np.empty((0, 0), np.int64)
-    return Frames(i, i, i, i, i, none, none, i, f, f)
+    return UwbPackets(i, i, i, i, i, none, none, i, f, f)
 
 
 @dataclass(frozen=True)
@@ -238,7 +238,7 @@ class Recording:
     """The `clt.run` metadata of the log: every value a string, documents as JSON."""
     attachments: tuple[Attachment, ...] = ()
     faults: tuple[Fault, ...] = ()
-    frames: Frames = field(default_factory=no_frames)
+    frames: UwbPackets = field(default_factory=no_uwb_packets)
 
     @property
     def idle(self) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """Typed settings from TOML, `CLT_*` environment variables and `--set KEY=VALUE`.
 
 Precedence: defaults < file < environment < options. Unknown keys are refused with the nearest
-known one named. A settings type is a frozen pydantic model; `parse` turns every fault of the
+known one named. A settings type is a frozen pydantic model; `parse_settings` turns every fault of the
 input into one line.
 """
 
@@ -18,9 +18,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from clt.core.document import Document
 from clt.core.errors import UsageError
-from clt.core.validation import describe, short
+from clt.core.validation import describe_fault, shorten
 
-PREFIX = "CLT_"
+ENVIRONMENT_PREFIX = "CLT_"
 
 
 class Settings(BaseModel):
@@ -29,7 +29,7 @@ class Settings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-S = TypeVar("S", bound=BaseModel)
+SettingsType = TypeVar("SettingsType", bound=BaseModel)
 
 
 def read_toml(source: Path | Document) -> dict[str, Any]:
@@ -43,17 +43,17 @@ def read_toml(source: Path | Document) -> dict[str, Any]:
         raise UsageError(f"{source}: nested too deeply") from None
 
 
-def assign(tree: dict[str, Any], key: str, value: Any) -> None:
+def set_dotted_key(tree: dict[str, Any], key: str, value: Any) -> None:
     """Set `a.b.c` in a nested dictionary. Raises UsageError where a table is not one."""
     *tables, leaf = key.split(".")
     for name in tables:
         tree = tree.setdefault(name, {})
         if not isinstance(tree, dict):
-            raise UsageError(f"{short(key)}: {short(name)} is not a table")
+            raise UsageError(f"{shorten(key)}: {shorten(name)} is not a table")
     tree[leaf] = value
 
 
-def literal(text: str) -> Any:
+def parse_literal(text: str) -> Any:
     """The TOML value that `text` spells, else `text` itself: 3, 0.1, true, [1, 2], word."""
     try:
         table = tomllib.loads(f"value = {text}")
@@ -62,17 +62,17 @@ def literal(text: str) -> Any:
     return table["value"] if len(table) == 1 else text
 
 
-def assignments(options: Iterable[str]) -> dict[str, Any]:
+def parse_assignments(options: Iterable[str]) -> dict[str, Any]:
     """`KEY=VALUE` options as {key: value}. Raises UsageError for one without a key."""
     pairs: dict[str, Any] = {}
     for option in options:
         key, sign, text = option.partition("=")
         if sign == "" or key.strip() == "":
-            raise UsageError(f"--set {short(option)}: expected KEY=VALUE, e.g. --set duration=60")
+            raise UsageError(f"--set {shorten(option)}: expected KEY=VALUE, e.g. --set duration=60")
         try:
-            pairs[key.strip()] = literal(text.strip())
+            pairs[key.strip()] = parse_literal(text.strip())
         except RecursionError:
-            raise UsageError(f"--set {short(key.strip())}: nested too deeply") from None
+            raise UsageError(f"--set {shorten(key.strip())}: nested too deeply") from None
     return pairs
 
 
@@ -87,7 +87,7 @@ def known_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
     return list(keys)
 
 
-def from_environment(
+def settings_from_environment(
     model: type[BaseModel], environment: Mapping[str, str] | None = None
 ) -> dict[str, Any]:
     """`CLT_SENSORS__RANGE__SIGMA=0.2` as {"sensors.range.sigma": 0.2} (two underscores = a dot).
@@ -98,10 +98,10 @@ def from_environment(
     environment = os.environ if environment is None else environment
     pairs: dict[str, Any] = {}
     for key in known_keys(model):
-        variable = PREFIX + _name(key)
+        variable = ENVIRONMENT_PREFIX + _variable_name(key)
         if variable in environment:
             try:
-                pairs[key] = literal(environment[variable])
+                pairs[key] = parse_literal(environment[variable])
             except RecursionError:
                 raise UsageError(f"environment variable {variable}: nested too deeply") from None
     return pairs
@@ -112,21 +112,21 @@ def refuse_unknown_variables(
 ) -> None:
     """Raise UsageError for a `CLT_*` variable that is no key of any model, naming the nearest."""
     environment = os.environ if environment is None else environment
-    known = {_name(key) for model in models for key in known_keys(model)}
+    known = {_variable_name(key) for model in models for key in known_keys(model)}
     for variable in sorted(environment):
-        name = variable.removeprefix(PREFIX)
-        if variable.startswith(PREFIX) and name not in known:
+        name = variable.removeprefix(ENVIRONMENT_PREFIX)
+        if variable.startswith(ENVIRONMENT_PREFIX) and name not in known:
             close = difflib.get_close_matches(name, sorted(known), n=1, cutoff=0.6)
-            hint = f", did you mean `{PREFIX}{close[0]}`?" if len(close) == 1 else ""
+            hint = f", did you mean `{ENVIRONMENT_PREFIX}{close[0]}`?" if len(close) == 1 else ""
             raise UsageError(f"environment variable {variable}: unknown key{hint}")
 
 
-def _name(key: str) -> str:
+def _variable_name(key: str) -> str:
     """A dotted key as the name of an environment variable, without the prefix."""
     return key.replace(".", "__").upper()
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
+def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Remedy for an unknown word: the known word closest to it, or the whole list."""
     known = list(known)
     close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
@@ -135,30 +135,32 @@ def nearest(word: str, known: Iterable[str]) -> str:
     return f"; known: {', '.join(sorted(known))}" if len(known) > 0 else ""
 
 
-def parse(model: type[S], data: Mapping[str, Any], source: str) -> S:
+def parse_settings(model: type[SettingsType], data: Mapping[str, Any], source: str) -> SettingsType:
     """Build a settings value. Raises UsageError: one line with source, key and remedy."""
     try:
         return model.model_validate(dict(data))
     except ValidationError as error:
         fault = max(error.errors(), key=lambda fault: len(fault["loc"]))
-        table, keys = _place(model, fault["loc"])
+        table, keys = _locate_fault(model, fault["loc"])
         place = ".".join(keys)
         if fault["type"] == "extra_forbidden":
-            key = short(str(fault["loc"][-1]))
+            key = shorten(str(fault["loc"][-1]))
             place = ".".join([*keys, key])
-            hint = nearest(key, table.model_fields)
+            hint = did_you_mean(key, table.model_fields)
             raise UsageError(f"{source}: unknown key `{place}`{hint}") from None
         if fault["type"] == "union_tag_not_found":
             key = fault["ctx"]["discriminator"].strip("'")
             raise UsageError(f"{source}: `{place}.{key}` is missing") from None
-        text = describe(fault)
+        text = describe_fault(fault)
         if fault["type"] == "missing" and isinstance(fault["loc"][-1], int):
             place, text = ".".join(keys[:-1]), f"needs {fault['loc'][-1] + 1} values at least"
         where = f"`{place}`: " if place != "" else ""
         raise UsageError(f"{source}: {where}{text}") from None
 
 
-def _place(model: type[BaseModel], path: Sequence[int | str]) -> tuple[type[BaseModel], list[str]]:
+def _locate_fault(
+    model: type[BaseModel], path: Sequence[int | str]
+) -> tuple[type[BaseModel], list[str]]:
     """The innermost table on pydantic's path of a fault, and the user's keys along it.
 
     The keys of a mapping are the user's own. What pydantic adds to name the member of a union is

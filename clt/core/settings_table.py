@@ -13,21 +13,21 @@ from typing import Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-UNIT = re.compile(
+UNIT_PATTERN = re.compile(
     r"(?:, |\bin |^)((?:m/s|rad/s|rad|m|s|Hz)(?: per (?:m/s|rad/s|m|s))?)(?=[.;:,)]| and | of |$)"
 )
 """How a docstring says a unit: `..., m/s.`, or `x, y in m and heading in rad`."""
-NAMES: dict[type, str] = {
+TYPE_NAMES: dict[type, str] = {
     float: "number",
     int: "whole number",
     str: "text",
     bool: "true or false",
 }
-SIGNS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
+BOUND_SIGNS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
 
 
 @dataclass(frozen=True)
-class Key:
+class SettingKey:
     """One key of `--set`."""
 
     name: str
@@ -42,34 +42,34 @@ class Key:
     """One line."""
 
 
-def keys_of(model: type[BaseModel], prefix: str = "") -> list[Key]:
+def setting_keys(model: type[BaseModel], prefix: str = "") -> list[SettingKey]:
     """All keys of a settings type in the order of its source; those of lists have no names."""
     lines = _docstrings(model)
-    found: dict[str, Key] = {}
+    found: dict[str, SettingKey] = {}
     for name, info in model.model_fields.items():
         tables = [] if get_origin(info.annotation) in {list, tuple} else _tables(info.annotation)
         for table in tables:
-            for key in keys_of(table, f"{prefix}{name}."):
+            for key in setting_keys(table, f"{prefix}{name}."):
                 known = found.setdefault(key.name, key)
                 if known.type != key.type:  # the `kind` of tables among which one is chosen
                     found[key.name] = replace(known, type=f"{known.type}, {key.type}")
         if len(tables) == 0:
             about = lines.get(name, "")
-            units = dict.fromkeys(UNIT.findall(about))
-            found[prefix + name] = Key(
+            units = dict.fromkeys(UNIT_PATTERN.findall(about))
+            found[prefix + name] = SettingKey(
                 prefix + name,
                 _type(info),
                 ", ".join(units) or "-",
-                _plain(info.get_default(call_default_factory=True)),
+                _json_value(info.get_default(call_default_factory=True)),
                 about,
             )
     return list(found.values())
 
 
-def _plain(value: Any) -> Any:
+def _json_value(value: Any) -> Any:
     """A default as JSON can hold it."""
     if isinstance(value, tuple):
-        return [_plain(item) for item in value]
+        return [_json_value(item) for item in value]
     return value if isinstance(value, str | int | float | bool) else None
 
 
@@ -95,18 +95,18 @@ def _tables(annotation: Any) -> list[type[BaseModel]]:
 
 def _type(info: FieldInfo) -> str:
     """What a value may be."""
-    return f"{_words(info.annotation)}{_bounds(info.metadata)}"
+    return f"{_annotation_text(info.annotation)}{_bounds(info.metadata)}"
 
 
-def _words(annotation: Any) -> str:
+def _annotation_text(annotation: Any) -> str:
     """An annotation in words."""
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin is Literal:
         return ", ".join(str(part) for part in parts)
     if origin in {Union, UnionType}:
-        return " or ".join(_words(part) for part in parts if part is not NoneType)
+        return " or ".join(_annotation_text(part) for part in parts if part is not NoneType)
     if origin is tuple:
-        item = _words(parts[0])
+        item = _annotation_text(parts[0])
         return f"list of [{item}]" if parts[-1] is Ellipsis else f"[{len(parts)} x {item}]"
     if hasattr(annotation, "__metadata__"):
         inner = [
@@ -114,8 +114,8 @@ def _words(annotation: Any) -> str:
             for one in annotation.__metadata__
             for bound in (one.metadata if isinstance(one, FieldInfo) else [one])
         ]
-        return f"{_words(parts[0])}{_bounds(inner)}"
-    return NAMES.get(annotation, "table")
+        return f"{_annotation_text(parts[0])}{_bounds(inner)}"
+    return TYPE_NAMES.get(annotation, "table")
 
 
 def _bounds(metadata: list[Any]) -> str:
@@ -123,7 +123,7 @@ def _bounds(metadata: list[Any]) -> str:
     bounds = {
         key: f"{sign} {getattr(one, key):g}"
         for one in metadata
-        for key, sign in SIGNS.items()
+        for key, sign in BOUND_SIGNS.items()
         if getattr(one, key, None) is not None
     }
     return f" {', '.join(bounds.values())}" if len(bounds) > 0 else ""

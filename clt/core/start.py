@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clt.core.recording import WORLD, Floats, Recording, Robot, Stamps
+from clt.core.recording import WORLD_FRAME, Floats, Recording, Robot, Stamps
 
 
 @dataclass(frozen=True)
@@ -34,25 +34,25 @@ class Start:
     stamp: int
     """ns; every pose holds at this time."""
     poses: Mapping[str, InitialPose]
-    frame: str = WORLD
+    frame: str = WORLD_FRAME
     """Id of the frame that the poses stand in; the estimates will, too."""
     hypotheses: tuple[Hypothesis, ...] = ()
     """Everything that the poses may be, the most probable first, which is `poses`; empty where
     nothing else is possible."""
 
 
-def period(stamp: Stamps) -> int:
+def median_period(stamp: Stamps) -> int:
     """Median period of a stream in ns; 0 for a single sample."""
     return int(np.median(np.diff(stamp))) if stamp.size > 1 else 0
 
 
-def odometry_begin(recording: Recording, name: str) -> int:
+def odometry_start(recording: Recording, name: str) -> int:
     """Beginning of the interval that a robot's first odometry sample covers, ns; none before 0."""
     stamp = recording.odometry[name].stamp
-    return max(int(stamp[0]) - period(stamp), 0)
+    return max(int(stamp[0]) - median_period(stamp), 0)
 
 
-def fixed_pose(robot: Robot) -> InitialPose | None:
+def known_static_pose(robot: Robot) -> InitialPose | None:
     """The pose of a static robot whose position the log tells, without uncertainty."""
     if robot.position is None:
         return None

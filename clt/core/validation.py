@@ -10,16 +10,16 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-QUOTE = "'"
-WIDTH = 60
+SINGLE_QUOTE = "'"
+MAX_VALUE_CHARS = 60
 """Characters shown of a value, a key or a word that somebody else chose."""
-BOUNDS = {
+BOUND_WORDS = {
     "greater_than": ("gt", "above"),
     "greater_than_equal": ("ge", "at least"),
     "less_than": ("lt", "below"),
     "less_than_equal": ("le", "at most"),
 }
-KINDS = (
+EXPECTED_VALUES = (
     (("finite_number",), "a finite number"),
     (("float_",), "a number"),
     (("int_parsing_size",), "a smaller whole number"),
@@ -30,23 +30,23 @@ KINDS = (
     (("tuple_type", "list_type", "iterable_type", "set_type"), "a list"),
 )
 """Beginnings of pydantic's names of faults, and what is wanted instead."""
-PATTERNS = {r"^[A-Za-z][A-Za-z0-9_]*$": "a name: a letter, then letters, digits or _"}
+PATTERN_WORDS = {r"^[A-Za-z][A-Za-z0-9_]*$": "a name: a letter, then letters, digits or _"}
 
 
-def describe(fault: Mapping[str, Any]) -> str:
+def describe_fault(fault: Mapping[str, Any]) -> str:
     """One fault, an item of pydantic's `ValidationError.errors()`, in a few words."""
     kind, context, value = str(fault["type"]), fault.get("ctx", {}), fault.get("input")
     if kind == "value_error":  # raised by a validator of ours
         return " ".join(str(fault["msg"]).removeprefix("Value error, ").split())
-    if kind in SPECIAL:
-        return SPECIAL[kind](context, value)
-    if kind in BOUNDS:
-        key, words = BOUNDS[kind]
-        return f"must be {words} {context[key]:g}, not {shown(value)}"
-    for beginnings, wanted in KINDS:
+    if kind in FAULT_DESCRIBERS:
+        return FAULT_DESCRIBERS[kind](context, value)
+    if kind in BOUND_WORDS:
+        key, words = BOUND_WORDS[kind]
+        return f"must be {words} {context[key]:g}, not {toml_like(value)}"
+    for beginnings, wanted in EXPECTED_VALUES:
         if kind.startswith(beginnings):
-            return f"must be {wanted}, not {shown(value)}"
-    return f"cannot be {shown(value)}"
+            return f"must be {wanted}, not {toml_like(value)}"
+    return f"cannot be {toml_like(value)}"
 
 
 def _quoted(text: str) -> list[str]:
@@ -54,34 +54,34 @@ def _quoted(text: str) -> list[str]:
     return re.findall(r"'([^']*)'", text)
 
 
-def _kind(context: Mapping[str, Any], _value: object) -> str:
+def _describe_unknown_kind(context: Mapping[str, Any], _value: object) -> str:
     """A table whose `kind` is none of those that there are."""
-    choice = one_of(_quoted(context["expected_tags"]), context["tag"])
-    return f"{context['discriminator'].strip(QUOTE)} {choice}"
+    choice = describe_choice(_quoted(context["expected_tags"]), context["tag"])
+    return f"{context['discriminator'].strip(SINGLE_QUOTE)} {choice}"
 
 
-SPECIAL: dict[str, Callable[[Mapping[str, Any], object], str]] = {
+FAULT_DESCRIBERS: dict[str, Callable[[Mapping[str, Any], object], str]] = {
     "missing": lambda _context, _value: "is missing",
-    "literal_error": lambda context, value: one_of(_quoted(context["expected"]), value),
-    "union_tag_invalid": _kind,
+    "literal_error": lambda context, value: describe_choice(_quoted(context["expected"]), value),
+    "union_tag_invalid": _describe_unknown_kind,
     "too_short": lambda context, _value: f"must have at least {context['min_length']} items",
     "too_long": lambda context, _value: f"must have at most {context['max_length']} items",
     "string_pattern_mismatch": lambda context, value: (
-        f"must be {PATTERNS.get(context['pattern'], 'spelt differently')}, not {shown(value)}"
+        f"must be {PATTERN_WORDS.get(context['pattern'], 'spelt differently')}, not {toml_like(value)}"
     ),
 }
 
 
-def one_of(known: list[str], found: object) -> str:
+def describe_choice(known: list[str], found: object) -> str:
     """A choice, and the known word that was probably meant."""
     close = difflib.get_close_matches(found, known, n=1) if isinstance(found, str) else []
     hint = f"; did you mean `{close[0]}`?" if len(close) == 1 else ""
     *others, last = known
     words = f"{', '.join(others)} or {last}" if len(others) > 0 else last
-    return f"must be {words}, not {shown(found)}{hint}"
+    return f"must be {words}, not {toml_like(found)}{hint}"
 
 
-def shown(value: object) -> str:
+def toml_like(value: object) -> str:
     """A value as TOML would spell it, as far as that is short."""
     text = f"a {type(value).__name__}"
     match value:
@@ -94,7 +94,7 @@ def shown(value: object) -> str:
         case int() | float():
             text = str(value)
         case str():
-            text = f'"{short(value)}"'
+            text = f'"{shorten(value)}"'
         case list() | tuple():
             text = f"a list of {len(value)}"
         case dict():
@@ -102,6 +102,6 @@ def shown(value: object) -> str:
     return text
 
 
-def short(text: str) -> str:
+def shorten(text: str) -> str:
     """A text that somebody else chose, cut where it is long."""
-    return text if len(text) <= WIDTH else f"{text[:WIDTH]}..."
+    return text if len(text) <= MAX_VALUE_CHARS else f"{text[:MAX_VALUE_CHARS]}..."

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from clt.estimation.causes import Cause, end_name
-from clt.estimation.frozen import Frozen
+from clt.estimation.causes import Cause, range_end_name
+from clt.estimation.frozen import FrozenPair
 from clt.estimation.nis_check import Misfit, PairMisfit
 from clt.model.problem import Problem
 
-SHOWN = 2
+MAX_PAIRS_SHOWN = 2
 """Pairs that are named, the worst first."""
-UNKNOWN = (
+UNKNOWN_CAUSE = (
     "cause unknown: see noise.sigma_range, noise.scale, noise.bias, the calibration, the positions "
     "of static robots and the stamps"
 )
 
 
-def diagnosis(
+def misfit_line(
     misfit: Misfit, problem: Problem, names: Sequence[str], filter_: str, *, decided: bool
 ) -> str:
     """One line on a misfit.
@@ -30,13 +30,15 @@ def diagnosis(
             f"the ranges scatter more than stated (mean NIS {misfit.nis:.2f}, at most "
             f"{misfit.chance:.2f} by chance)"
         )
-    found += [paired(pair) for pair in misfit.pairs[:SHOWN]]
-    if (more := len(misfit.pairs) - SHOWN) > 0:
+    found += [pair_line(pair) for pair in misfit.pairs[:MAX_PAIRS_SHOWN]]
+    if (more := len(misfit.pairs) - MAX_PAIRS_SHOWN) > 0:
         found.append(f"so do {more} more pairs" if more > 1 else "so does 1 more pair")
     if len(found) == 0 and len(misfit.frozen) == 0:
         found.append("ranges and odometry do not fit each other")
     if len(misfit.frozen) > 0:
-        why = "; ".join(frozen_line(each, problem, names) for each in misfit.frozen[:SHOWN])
+        why = "; ".join(
+            frozen_line(each, problem, names) for each in misfit.frozen[:MAX_PAIRS_SHOWN]
+        )
         why += ": look at the radios, or leave these ranges out"
     elif misfit.vague:
         why = "the start may be too uncertain for a filter with one Gaussian (--filter mixture)"
@@ -44,12 +46,12 @@ def diagnosis(
         why = f"likely cause: {cause_line(misfit.cause)}"
     else:
         few = f"; or {filter_}.particles are too few" if filter_ in {"pf", "dpf"} else ""
-        why = f"{UNKNOWN}{few}"
+        why = f"{UNKNOWN_CAUSE}{few}"
     unsure = ", and what became unique may be wrong" if decided else ""
     return "; ".join([*found, f"{why}; covariances are too small{unsure}"])
 
 
-def paired(pair: PairMisfit) -> str:
+def pair_line(pair: PairMisfit) -> str:
     """What a pair's residuals are like."""
     text = f"{pair.pair[0]}-{pair.pair[1]}: {100.0 * pair.rejected:.0f} % of {pair.count} rejected"
     if not abs(pair.mean) < float("inf"):
@@ -62,9 +64,9 @@ def paired(pair: PairMisfit) -> str:
     return f"{text}, mean residual {pair.mean:+.3f} m{correlated}, mean NIS {pair.nis:.2f}"
 
 
-def frozen_line(frozen: Frozen, problem: Problem, names: Sequence[str]) -> str:
+def frozen_line(frozen: FrozenPair, problem: Problem, names: Sequence[str]) -> str:
     """Whose ranges stood still."""
-    ends = (end_name(problem, end, names) for end in (frozen.a, frozen.b))
+    ends = (range_end_name(problem, end, names) for end in (frozen.a, frozen.b))
     a, b = sorted(ends, key=names.index)
     return (
         f"likely cause: the ranges {a}-{b} are frozen ({frozen.value:.3f} m repeated "
@@ -74,7 +76,7 @@ def frozen_line(frozen: Frozen, problem: Problem, names: Sequence[str]) -> str:
 
 def cause_line(cause: Cause) -> str:
     """A cause and its remedy."""
-    return CAUSES[cause.kind](cause)
+    return CAUSE_TEXTS[cause.kind](cause)
 
 
 def _offset(cause: Cause) -> str:
@@ -161,7 +163,7 @@ def _odometry_noise(cause: Cause) -> str:
     )
 
 
-CAUSES: dict[str, Callable[[Cause], str]] = {
+CAUSE_TEXTS: dict[str, Callable[[Cause], str]] = {
     "offset": _offset,
     "gain": _gain,
     "late": _late,

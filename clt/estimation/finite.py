@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 from clt.core.recording import Floats, Innovations, Poses
 from clt.estimation.posterior import Posterior
-from clt.model.belief import ROUNDING
+from clt.model.belief import MAX_NEGATIVE_VARIANCE
 
-MOST = 1e12
+MAX_MAGNITUDE = 1e12
 """m, rad and squares of them: nothing that is estimated is larger."""
 
 
-def sane(*columns: Floats) -> NDArray[np.bool_]:
-    """Rows (n,) in which every number of some columns (n, ...) is finite and at most MOST."""
+def finite_rows(*columns: Floats) -> NDArray[np.bool_]:
+    """Rows (n,) in which every number of some columns (n, ...) is finite and at most MAX_MAGNITUDE."""
     good = [
-        (np.abs(np.nan_to_num(c, nan=np.inf)) <= MOST).all(axis=tuple(range(1, c.ndim)))
+        (np.abs(np.nan_to_num(c, nan=np.inf)) <= MAX_MAGNITUDE).all(axis=tuple(range(1, c.ndim)))
         for c in columns
     ]
     return np.asarray(np.logical_and.reduce(good))
@@ -32,8 +32,8 @@ def finite_poses(poses: Poses) -> tuple[Poses, int]:
     covariance = poses.covariance
     if covariance is None:
         return poses, 0
-    keep = sane(poses.x, poses.y, poses.heading, covariance)
-    keep &= np.all(np.diagonal(covariance, axis1=1, axis2=2) >= -ROUNDING, axis=1)
+    keep = finite_rows(poses.x, poses.y, poses.heading, covariance)
+    keep &= np.all(np.diagonal(covariance, axis1=1, axis2=2) >= -MAX_NEGATIVE_VARIANCE, axis=1)
     if keep.all():
         return poses, 0
     columns = {
@@ -44,14 +44,14 @@ def finite_poses(poses: Poses) -> tuple[Poses, int]:
 
 def finite_innovations(innovations: Innovations) -> tuple[Innovations, int]:
     """The rows that hold numbers throughout, and how many others there are."""
-    keep = sane(innovations.residual, innovations.sigma) & np.isfinite(innovations.nis)
+    keep = finite_rows(innovations.residual, innovations.sigma) & np.isfinite(innovations.nis)
     if keep.all():
         return innovations, 0
     columns = {name: column[keep] for name, column in vars(innovations).items()}
     return Innovations(**columns), int(np.sum(~keep))
 
 
-def only_finite(posterior: Posterior) -> Posterior:
+def keep_finite(posterior: Posterior) -> Posterior:
     """The posterior with only the rows that hold numbers; the others are counted in `left_out`.
 
     Robots that lose any have diverged; those that lose all have no trajectory.

@@ -9,14 +9,14 @@ import numpy as np
 from clt.core.recording import Floats, Indices
 from clt.model.inputs import RangeTable
 
-LEAST = 10
+MIN_REPEATS = 10
 """Times that a value must come again ..."""
-MOVED = 4.0
+MIN_MOVED_SIGMAS = 4.0
 """... while the expected range moves by more standard deviations of the residual."""
 
 
 @dataclass(frozen=True)
-class Frozen:
+class FrozenPair:
     """One pair whose ranges stood still."""
 
     a: int
@@ -32,7 +32,7 @@ class Frozen:
 
 def frozen_pairs(
     table: RangeTable, pair: Indices, residual: Floats, sigma: Floats
-) -> tuple[Frozen, ...]:
+) -> tuple[FrozenPair, ...]:
     """The pairs (keys by row) with a value that stands still, the longest run of each.
 
     `residual` and its deviation `sigma` (m) as a filter found them.
@@ -42,15 +42,15 @@ def frozen_pairs(
     change = np.flatnonzero((np.diff(pair[order]) != 0) | (np.diff(value) != 0.0)) + 1
     first = np.append(0, change)
     size = np.diff(np.append(first, order.size))
-    found: dict[int, Frozen] = {}
-    for begin, n in zip(first[size > LEAST], size[size > LEAST], strict=True):
+    found: dict[int, FrozenPair] = {}
+    for begin, n in zip(first[size > MIN_REPEATS], size[size > MIN_REPEATS], strict=True):
         run = slice(int(begin), int(begin + n))
         moved = float(np.ptp(expected[run]))
         row = int(order[begin])
         key = int(pair[row])
-        if not moved > MOVED * float(np.median(width[run])):
+        if not moved > MIN_MOVED_SIGMAS * float(np.median(width[run])):
             continue
         if key not in found or found[key].count < n - 1:
             ends = int(table.a[row]), int(table.b[row])
-            found[key] = Frozen(*ends, int(n) - 1, float(value[run.start]), moved)
+            found[key] = FrozenPair(*ends, int(n) - 1, float(value[run.start]), moved)
     return tuple(found.values())

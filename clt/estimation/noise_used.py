@@ -9,18 +9,20 @@ import numpy as np
 from clt.core.recording import Floats, Recording
 from clt.model.inputs import (
     DEFAULT_SIGMA_RANGE,
-    LEAST_SIGMA_RANGE,
-    correlation_time,
+    MIN_SIGMA_RANGE,
     first_known,
-    sample_sigma,
+    odometry_sigmas,
+    range_correlation_time,
 )
-from clt.model.settings import Noise
+from clt.model.settings import NoiseSettings
 
-Level = float | list[float]
+ValueOrSpan = float | list[float]
 """One value, or the smallest and the largest."""
 
 
-def noise_used(recording: Recording, noise: Noise, estimated: Collection[str]) -> dict[str, object]:
+def noise_used(
+    recording: Recording, noise: NoiseSettings, estimated: Collection[str]
+) -> dict[str, object]:
     """Standard deviations by robot (m/s, rad/s) and by pair (m), and the correlation time (s).
 
     `estimated`: the robots that a filter estimates; only theirs and their ranges count.
@@ -29,26 +31,29 @@ def noise_used(recording: Recording, noise: Noise, estimated: Collection[str]) -
     odometry = {}
     for robot in team.robots:
         if robot.name in estimated and robot.name in recording.odometry:
-            sigma_v, sigma_omega, _ = sample_sigma(recording.odometry[robot.name], robot, noise)
-            odometry[robot.name] = {"sigma_v": level(sigma_v), "sigma_omega": level(sigma_omega)}
+            sigma_v, sigma_omega, _ = odometry_sigmas(recording.odometry[robot.name], robot, noise)
+            odometry[robot.name] = {
+                "sigma_v": value_or_span(sigma_v),
+                "sigma_omega": value_or_span(sigma_omega),
+            }
     size = len(team.robots)
     sigma = first_known(noise.sigma_range, ranges.sigma, team.range_sigma, size=ranges.range.size)
-    sigma = np.maximum(np.where(np.isnan(sigma), DEFAULT_SIGMA_RANGE, sigma), LEAST_SIGMA_RANGE)
+    sigma = np.maximum(np.where(np.isnan(sigma), DEFAULT_SIGMA_RANGE, sigma), MIN_SIGMA_RANGE)
     low = np.minimum(ranges.source, ranges.target)
     pair = low * size + np.maximum(ranges.source, ranges.target)
     pairs = {}
     for key in np.unique(pair).tolist():
         ends = team.names[key // size], team.names[key % size]
         if ends[0] in estimated or ends[1] in estimated:
-            pairs["-".join(ends)] = level(sigma[pair == key])
+            pairs["-".join(ends)] = value_or_span(sigma[pair == key])
     return {
         "odometry": odometry,
         "sigma_range": pairs,
-        "correlation_time": correlation_time(noise, team),
+        "correlation_time": range_correlation_time(noise, team),
     }
 
 
-def level(values: Floats) -> Level:
+def value_or_span(values: Floats) -> ValueOrSpan:
     """The value that all have, else the smallest and the largest; shape (n,), n > 0."""
     low, high = float(np.min(values)), float(np.max(values))
     return low if low == high else [low, high]

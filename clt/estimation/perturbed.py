@@ -18,17 +18,17 @@ from numpy.typing import NDArray
 from clt.core.recording import Floats, Indices
 from clt.filters.kalman import gaussian
 from clt.model.inputs import Outputs, RangeTable
-from clt.model.known_odometry import rows_after
+from clt.model.known_odometry import segments_after
 from clt.model.problem import Problem
 from clt.model.settings import FilterSettings
 
-CLIPPED = 4.0
+MAX_RESIDUAL_SIGMAS = 4.0
 """A residual of more standard deviations is not evidence of how things change a little."""
 
-Kind = Literal[
+ParameterKind = Literal[
     "offset", "pair", "gain", "late", "ranges late", "x", "y", "scale", "turn scale", "bias"
 ]
-STEPS: dict[Kind, float] = {
+DERIVATIVE_STEPS: dict[ParameterKind, float] = {
     "offset": 0.01,
     "pair": 0.01,
     "gain": 0.002,
@@ -41,23 +41,23 @@ STEPS: dict[Kind, float] = {
     "bias": 0.002,
 }
 """Of the derivatives: m, m, share, s, s, m, m, share, share, rad/s."""
-ENDS = 1_000_003
+PAIR_KEY_FACTOR = 1_000_003
 """More than there are range ends."""
-SEGMENTS = {"late": "end", "scale": "v", "turn scale": "omega", "bias": "omega"}
+SEGMENT_COLUMNS = {"late": "end", "scale": "v", "turn scale": "omega", "bias": "omega"}
 """The column of a driver's twist segments that a parameter changes."""
 
 
-class Key(NamedTuple):
+class LogParameter(NamedTuple):
     """A parameter."""
 
-    kind: Kind
+    kind: ParameterKind
     of: int = 0
-    """Its driver (late, scale, turn scale, bias), range end (offset, x, y), pair (as `pair_key`
+    """Its driver (late, scale, turn scale, bias), range end (offset, x, y), pair (as `range_pair_key`
     says) or the team index of the robot that measured (ranges late)."""
 
 
 @dataclass(frozen=True)
-class Case:
+class RerunCase:
     """A problem to run again and again, without outputs; every range is accepted."""
 
     problem: Problem
@@ -67,7 +67,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Residuals:
+class RunResiduals:
     """What one run leaves, in the order of the rows of the recording's ranges."""
 
     predicted: Floats
@@ -88,14 +88,14 @@ class Residuals:
 
         Infinite where the run does not hold numbers.
         """
-        z = np.minimum(np.abs(self.z), CLIPPED)
+        z = np.minimum(np.abs(self.z), MAX_RESIDUAL_SIGMAS)
         total = float(np.sum(z * z + 2.0 * np.log(self.sigma)))
         return total if np.isfinite(total) else np.inf
 
 
-def case_of(
+def make_rerun_case(
     problem: Problem, settings: FilterSettings, source: Indices, use: NDArray[np.bool_], most: int
-) -> Case:
+) -> RerunCase:
     """The first `most` of the ranges `use` (M,) of a problem, all of them to be accepted."""
     rows = np.flatnonzero(use)[:most]
     table = RangeTable._make(column[rows] for column in problem.ranges)
@@ -103,16 +103,16 @@ def case_of(
     none = Outputs(np.empty(0, np.int64), np.empty(0, np.int64))
     short = replace(problem, ranges=table, outputs=none, end=end, memory=None)
     free = settings.model_copy(update={"gate": 0.0, "process": "exact"})
-    return Case(short, free, source)
+    return RerunCase(short, free, source)
 
 
-def pair_key(table: RangeTable) -> Indices:
+def range_pair_key(table: RangeTable) -> Indices:
     """One number for each pair of range ends, shape (M,)."""
-    keys: Indices = np.minimum(table.a, table.b) * ENDS + np.maximum(table.a, table.b)
+    keys: Indices = np.minimum(table.a, table.b) * PAIR_KEY_FACTOR + np.maximum(table.a, table.b)
     return keys
 
 
-def rerun(case: Case, problem: Problem) -> Residuals:
+def rerun_filter(case: RerunCase, problem: Problem) -> RunResiduals:
     """Run the error-state Kalman filter on a problem that holds the case's ranges."""
     table = problem.ranges
     solution = gaussian.solve_eskf(problem, case.settings)
@@ -120,17 +120,19 @@ def rerun(case: Case, problem: Problem) -> Residuals:
     sigma = np.sqrt(np.where(weighed > 0.0, weighed, np.nan))
     order = np.argsort(table.row, kind="stable")
     columns = (table.range - solution.residual, solution.residual, sigma)
-    return Residuals(*(column[order] for column in columns))
+    return RunResiduals(*(column[order] for column in columns))
 
 
-def without(case: Case, base: Residuals, values: dict[Key, float]) -> Problem:
+def remove_effects(
+    case: RerunCase, base: RunResiduals, values: dict[LogParameter, float]
+) -> Problem:
     """The problem with parameters of these values taken out of what was measured.
 
     `base`: of the problem as it is; a gain acts on what it predicts, for measured ranges are noisy.
     """
     problem = case.problem
     for key, value in values.items():
-        if key.kind in SEGMENTS:
+        if key.kind in SEGMENT_COLUMNS:
             problem = _odometry(problem, key, value)
         elif key.kind == "ranges late":
             problem = _earlier(problem, case.source[problem.ranges.row] == key.of, value)
@@ -139,15 +141,17 @@ def without(case: Case, base: Residuals, values: dict[Key, float]) -> Problem:
     return problem
 
 
-def _odometry(problem: Problem, key: Key, value: float) -> Problem:
+def _odometry(problem: Problem, key: LogParameter, value: float) -> Problem:
     """The segments of one driver changed."""
     segments = problem.segments
     own = slice(segments.first[key.of], segments.first[key.of + 1])
-    name = SEGMENTS[key.kind]
+    name = SEGMENT_COLUMNS[key.kind]
     column = getattr(segments, name).copy()
     if key.kind == "late":
         column[own] -= round(value * 1e9)
-        return replace(problem, segments=rows_after(segments._replace(end=column), problem.start))
+        return replace(
+            problem, segments=segments_after(segments._replace(end=column), problem.start)
+        )
     if key.kind == "bias":
         column[own] -= value
     else:
@@ -164,7 +168,7 @@ def _earlier(problem: Problem, mine: NDArray[np.bool_], seconds: float) -> Probl
     return replace(problem, ranges=table)
 
 
-def _ranged(problem: Problem, base: Residuals, key: Key, value: float) -> Problem:
+def _ranged(problem: Problem, base: RunResiduals, key: LogParameter, value: float) -> Problem:
     """The ranges, or the anchors that they reach to, changed."""
     table = problem.ranges
     if key.kind == "gain":
@@ -174,7 +178,7 @@ def _ranged(problem: Problem, base: Residuals, key: Key, value: float) -> Proble
         )
     meets = (table.a == key.of) | (table.b == key.of)
     if key.kind == "pair":
-        meets = pair_key(table) == key.of
+        meets = range_pair_key(table) == key.of
     if key.kind in {"offset", "pair"}:
         return replace(problem, ranges=table._replace(range=table.range - value * meets))
     anchor = table.anchor.copy()
@@ -183,16 +187,16 @@ def _ranged(problem: Problem, base: Residuals, key: Key, value: float) -> Proble
 
 
 @dataclass(frozen=True)
-class Evidence:
+class ParameterEvidence:
     """Normal equations of the parameters that were tried."""
 
-    keys: tuple[Key, ...]
+    keys: tuple[LogParameter, ...]
     information: Floats
     """Shape (p, p)."""
     score: Floats
     """Shape (p,)."""
 
-    def along(self, weights: dict[Key, float]) -> tuple[float, float]:
+    def along(self, weights: dict[LogParameter, float]) -> tuple[float, float]:
         """Estimate of a common factor of some parameters, and its standard deviation.
 
         Infinite deviation where nothing is known of it.
@@ -202,14 +206,16 @@ class Evidence:
         return (float(c @ self.score) / known, known**-0.5) if known > 0.0 else (0.0, np.inf)
 
 
-def evidence(case: Case, base: Residuals, keys: Sequence[Key]) -> Evidence:
+def parameter_evidence(
+    case: RerunCase, base: RunResiduals, keys: Sequence[LogParameter]
+) -> ParameterEvidence:
     """What the residuals of the base run say about parameters, each by one more run."""
-    inside = np.abs(base.z) <= CLIPPED
+    inside = np.abs(base.z) <= MAX_RESIDUAL_SIGMAS
     G = np.zeros((len(keys), base.residual.size))
     for row, key in zip(G, keys, strict=True):
-        step = STEPS[key.kind]
-        other = rerun(case, without(case, base, {key: step}))
+        step = DERIVATIVE_STEPS[key.kind]
+        other = rerun_filter(case, remove_effects(case, base, {key: step}))
         row[inside] = ((base.residual - other.residual) / step / base.sigma)[inside]
     G[~np.isfinite(G)] = 0.0
     z = np.where(inside, base.z, 0.0)
-    return Evidence(tuple(keys), G @ G.T, G @ z)
+    return ParameterEvidence(tuple(keys), G @ G.T, G @ z)

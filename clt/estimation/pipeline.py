@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clt.core.recording import Recording, Robot, Team, no_frames, no_ranges
+from clt.core.recording import Recording, Robot, Team, no_ranges, no_uwb_packets
 from clt.core.start import InitialPose, Start
 from clt.estimation import estimators
-from clt.estimation.estimators import SHI, Estimator
-from clt.estimation.finite import finite_poses, only_finite
+from clt.estimation.estimators import DEFAULT_ESTIMATOR, Estimator
+from clt.estimation.finite import finite_poses, keep_finite
 from clt.estimation.noise_used import noise_used
 from clt.estimation.posterior import Posterior
 from clt.estimation.replay import received
@@ -19,7 +19,7 @@ from clt.model.settings import FilterSettings
 
 
 @dataclass(frozen=True)
-class Result:
+class EstimationResult:
     """One filter run over one recording."""
 
     start: Start
@@ -34,28 +34,28 @@ def estimate(
     recording: Recording,
     start: Start,
     settings: FilterSettings,
-    estimator: Estimator = SHI,
+    estimator: Estimator = DEFAULT_ESTIMATOR,
     *,
     as_received: bool = False,
-) -> Result:
+) -> EstimationResult:
     """Filter a recording from a start, by stamp or in the order in which its messages arrived.
 
     Raises CltError where nothing can be estimated.
     """
     if as_received:
-        posterior = received.replay(recording, start, settings, estimator)
-        baseline = received.dead_reckon(recording, start, settings, estimator.view)
+        posterior = received.replay_recording(recording, start, settings, estimator)
+        baseline = received.dead_reckon_replay(recording, start, settings, estimator.view)
     else:
-        posterior = estimators.localize(recording, start, settings, estimator)
-        baseline = estimators.dead_reckon(recording, start, settings, estimator.view)
-    posterior = only_finite(posterior)
+        posterior = estimators.localize_recording(recording, start, settings, estimator)
+        baseline = estimators.dead_reckon_recording(recording, start, settings, estimator.view)
+    posterior = keep_finite(posterior)
     moving = set(recording.odometry) if estimator.view.kind == "world" else set(baseline)
     result = replace(
         recording,
-        team=replace(recording.team, robots=placed(recording.team, start)),
+        team=replace(recording.team, robots=place_fixed_robots(recording.team, start)),
         odometry={},
         ranges=no_ranges(),
-        frames=no_frames(),
+        frames=no_uwb_packets(),
         estimate=posterior.poses,
         dead_reckoning={
             name: reckoned
@@ -65,19 +65,19 @@ def estimate(
         innovations=posterior.innovations,
     )
     bodies = {*posterior.robots, *estimator.view.names}
-    return Result(start, posterior, result, noise_used(recording, settings.noise, bodies))
+    return EstimationResult(start, posterior, result, noise_used(recording, settings.noise, bodies))
 
 
-def placed(team: Team, start: Start) -> tuple[Robot, ...]:
+def place_fixed_robots(team: Team, start: Start) -> tuple[Robot, ...]:
     """The robots with the positions that the filter took for those it held fixed."""
     return tuple(
         replace(robot, position=(float(pose.mean[0]), float(pose.mean[1])))
-        if robot.static and pose is not None and certain(pose)
+        if robot.static and pose is not None and is_certain(pose)
         else robot
         for robot, pose in ((robot, start.poses.get(robot.name)) for robot in team.robots)
     )
 
 
-def certain(pose: InitialPose) -> bool:
+def is_certain(pose: InitialPose) -> bool:
     """Whether a pose has no uncertainty at all."""
     return not np.any(pose.covariance)

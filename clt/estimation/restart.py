@@ -6,21 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from clt.core.geometry import unknown_heading
+from clt.core.geometry import is_heading_unknown
 from clt.model.belief import Belief
-from clt.model.known_odometry import rows_after
+from clt.model.known_odometry import segments_after
 from clt.model.problem import Problem
 from clt.model.solution import Solution
 
-NARROW, SURE_HEADING = 0.5, 0.3
+MAX_RESTART_SIGMA_M, MAX_RESTART_HEADING_SIGMA = 0.5, 0.3
 """A pose as uncertain as this, m and rad, is no place to linearize at."""
-UNIQUE = 0.999
+MIN_RESTART_PROBABILITY = 0.999
 """Probability of a leading pose that is the only one."""
-SPEED = 1.0
+STALE_SIGMA_RATE = 1.0
 """How far a marginal may be off for each second that it is older than others, m/s and rad/s."""
 
 
-def restarted(problem: Problem, solution: Solution) -> Problem | None:
+def restart_problem(problem: Problem, solution: Solution) -> Problem | None:
     """The problem from the first time at which every pose was unique and narrow.
 
     Begun there from the marginals of the solution; None where that never was so.
@@ -29,11 +29,11 @@ def restarted(problem: Problem, solution: Solution) -> Problem | None:
     P = solution.covariance
     places = () if problem.prior is None else problem.prior.places
     still = [b for b in range(blocks) if problem.prior and problem.prior.who[b] in places]
-    headed = (P[:, 2, 2] < SURE_HEADING**2) | unknown_heading(P[:, 2, 2])
+    headed = (P[:, 2, 2] < MAX_RESTART_HEADING_SIGMA**2) | is_heading_unknown(P[:, 2, 2])
     narrow = np.isfinite(solution.mean).all(axis=1) & (headed | np.isin(outputs.robot, still))
-    narrow &= P[:, 0, 0] + P[:, 1, 1] < 2.0 * NARROW**2
+    narrow &= P[:, 0, 0] + P[:, 1, 1] < 2.0 * MAX_RESTART_SIGMA_M**2
     if solution.share is not None:
-        narrow &= solution.share >= UNIQUE
+        narrow &= solution.share >= MIN_RESTART_PROBABILITY
     begin = problem.start
     for block in range(blocks):
         good = np.flatnonzero(narrow & (outputs.robot == block))
@@ -48,11 +48,11 @@ def restarted(problem: Problem, solution: Solution) -> Problem | None:
         row = np.flatnonzero((outputs.robot == block) & (outputs.stamp <= begin))[-1]
         own, stale = slice(3 * block, 3 * block + 3), (begin - int(outputs.stamp[row])) * 1e-9
         mean[own] = solution.mean[row]
-        covariance[own, own] = P[row] + (SPEED * stale) ** 2 * np.eye(3)
+        covariance[own, own] = P[row] + (STALE_SIGMA_RATE * stale) ** 2 * np.eye(3)
     return replace(
         problem,
         belief=Belief(np.zeros(1), mean[None], covariance[None]),
-        segments=rows_after(problem.segments, begin),
+        segments=segments_after(problem.segments, begin),
         start=begin,
         memory=None,
     )

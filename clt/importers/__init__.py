@@ -10,7 +10,7 @@ from clt.core.recording import Recording
 from clt.importers import thu, thu_capture, tiers, vub
 
 
-class Format(NamedTuple):
+class ImportFormat(NamedTuple):
     """One importable format."""
 
     about: str
@@ -20,25 +20,25 @@ class Format(NamedTuple):
     read: Callable[[Path], Recording]
 
 
-FORMATS = {
-    "thu": Format(
+IMPORT_FORMATS = {
+    "thu": ImportFormat(
         "Tsinghua range_only_CL, run of 2019-04-18: the folder with data190313.mat and Data1.txt",
-        thu.files,
+        thu.thu_files,
         thu.read_thu,
     ),
-    "thu-capture": Format(
+    "thu-capture": ImportFormat(
         "binary stream of the Tsinghua radios (range_only_CL, pc.txt or test.txt), plain or gzip",
-        thu_capture.files,
+        thu_capture.capture_files,
         thu_capture.read_capture,
     ),
-    "tiers": Format(
+    "tiers": ImportFormat(
         "ROS 2 bag of the TIERS lab (TurtleBot4, UWB, OptiTrack): its folder, .db3 or .db3.gz",
-        tiers.files,
+        tiers.tiers_files,
         tiers.read_tiers,
     ),
-    "vub": Format(
+    "vub": ImportFormat(
         "VUB's TurtleBot4 pair (UWB, visual odometry, Vicon) as CSV: FOLDER/exp4, or one file",
-        vub.files,
+        vub.vub_files,
         vub.read_vub,
     ),
 }

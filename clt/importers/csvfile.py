@@ -20,35 +20,35 @@ from clt.core.recording import Floats, Stamps
 from clt.log.faults import Faults
 from clt.log.recording import cleaning
 
-SECONDS = re.compile(r"\s*(\d{1,10})(?:\.(\d*))?\s*", re.ASCII)
+SECONDS_PATTERN = re.compile(r"\s*(\d{1,10})(?:\.(\d*))?\s*", re.ASCII)
 """Read digit by digit: a float has no room for nanoseconds."""
-END = 1 << 31
+ROS_TIME_END_S = 1 << 31
 """The first second that is not ROS 2 time."""
 
 
 @dataclass(frozen=True)
-class Table:
+class CsvTable:
     """Sound rows in the order of their stamps, each stamp once."""
 
     stamp: Stamps
     columns: Mapping[str, Floats]
 
 
-def read_table(path: Path, time: str, names: Sequence[str], faults: Faults) -> Table:
+def read_csv_table(path: Path, time: str, names: Sequence[str], faults: Faults) -> CsvTable:
     """The named columns of a file with a head line; unusable rows are faults, and dropped.
 
     Raises:
         LogError: for a file that cannot be read, lacks a column or has no sound row.
     """
     try:
-        with _text(path) as file:
+        with _open_text(path) as file:
             rows = csv.reader(file)
             head = [name.strip() for name in next(rows, [])]
             missing = [name for name in (time, *names) if name not in head]
             if len(missing) > 0:
                 raise LogError(f"{path}: no column `{missing[0]}`; it has: {', '.join(head)}")
             place = [head.index(name) for name in names]
-            parsed = [_row(row, head.index(time), place) for row in rows if len(row) > 0]
+            parsed = [_parse_row(row, head.index(time), place) for row in rows if len(row) > 0]
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise LogError(f"{path}: a damaged gzip file: {error}") from None
     except (csv.Error, UnicodeDecodeError) as error:
@@ -58,18 +58,18 @@ def read_table(path: Path, time: str, names: Sequence[str], faults: Faults) -> T
     stamp = np.array([at for at, _ in parsed], np.int64)
     values = np.array([row for _, row in parsed]).reshape(-1, len(names))
     kept = np.flatnonzero(
-        cleaning.drop(faults, path.name, "row", stamp < 0, "rows are not a time and numbers")
+        cleaning.drop_rows(faults, path.name, "row", stamp < 0, "rows are not a time and numbers")
     )
-    kept = kept[cleaning.usable(faults, path.name, np.ones(len(kept), np.bool_), values[kept])]
+    kept = kept[cleaning.usable_rows(faults, path.name, np.ones(len(kept), np.bool_), values[kept])]
     kept = kept[cleaning.sorted_rows(faults, path.name, stamp[kept])]
-    kept = kept[cleaning.first_of_each(faults, path.name, stamp[kept])]
+    kept = kept[cleaning.first_of_each_stamp(faults, path.name, stamp[kept])]
     if len(kept) == 0:
         raise LogError(f"{path}: no row with a time and {len(names)} number(s)")
-    return Table(stamp[kept], dict(zip(names, values[kept].T, strict=True)))
+    return CsvTable(stamp[kept], dict(zip(names, values[kept].T, strict=True)))
 
 
 @contextmanager
-def _text(path: Path) -> Iterator[TextIO]:
+def _open_text(path: Path) -> Iterator[TextIO]:
     with path.open("rb") as file:
         packed = file.read(2) == b"\x1f\x8b"
         file.seek(0)
@@ -77,13 +77,13 @@ def _text(path: Path) -> Iterator[TextIO]:
             yield text
 
 
-def _row(row: Sequence[str], time: int, place: Sequence[int]) -> tuple[int, list[float]]:
+def _parse_row(row: Sequence[str], time: int, place: Sequence[int]) -> tuple[int, list[float]]:
     """Stamp in ns and values; stamp -1 for a row that holds anything else."""
     try:
-        seconds, rest = SECONDS.fullmatch(row[time]).groups()  # type: ignore[union-attr]
+        seconds, rest = SECONDS_PATTERN.fullmatch(row[time]).groups()  # type: ignore[union-attr]
         values = [float(row[column]) for column in place]
     except (AttributeError, IndexError, ValueError):
         return -1, [0.0] * len(place)
-    if int(seconds) >= END:
+    if int(seconds) >= ROS_TIME_END_S:
         return -1, values
     return int(seconds) * 1_000_000_000 + int((rest or "")[:9].ljust(9, "0")), values

@@ -25,7 +25,7 @@ import numpy as np
 
 from clt.core.errors import LogError
 from clt.core.recording import (
-    WORLD,
+    WORLD_FRAME,
     Floats,
     Odometry,
     Poses,
@@ -36,15 +36,15 @@ from clt.core.recording import (
     Team,
 )
 
-MAT = "data190313.mat"
-SURVEY = "Data1.txt"
-NODE = re.compile(r"ID(\d+)\s*\n\s*([-+.\d]+)\s*,\s*([-+.\d]+)\s*\n")
+MAT_FILE = "data190313.mat"
+SURVEY_FILE = "Data1.txt"
+NODE_PATTERN = re.compile(r"ID(\d+)\s*\n\s*([-+.\d]+)\s*,\s*([-+.\d]+)\s*\n")
 
 
-def files(path: Path) -> tuple[Path, Path]:
+def thu_files(path: Path) -> tuple[Path, Path]:
     """The .mat file and the survey for the data set's folder or its .mat file."""
-    mat = path / MAT if path.is_dir() else path
-    return mat, mat.with_name(SURVEY)
+    mat = path / MAT_FILE if path.is_dir() else path
+    return mat, mat.with_name(SURVEY_FILE)
 
 
 def read_thu(path: Path) -> Recording:
@@ -53,7 +53,7 @@ def read_thu(path: Path) -> Recording:
     Raises:
         LogError: naming the file and what is missing or wrong in it.
     """
-    mat, survey = files(path)
+    mat, survey = thu_files(path)
     ranges, robots = _read_mat(mat)
     moving = {_integers(robot, "id", 1, f"{mat}: robot")[0]: robot for robot in robots}
     pairs = [_integers(entry, "pair", 2, f"{mat}: range_m") for entry in ranges]
@@ -79,7 +79,12 @@ def _anchors(team: Team, truth: Mapping[str, Poses]) -> dict[str, Poses]:
     one = np.ones(len(stamp))
     return {
         robot.name: Poses(
-            WORLD, stamp, stamp, robot.position[0] * one, robot.position[1] * one, np.nan * one
+            WORLD_FRAME,
+            stamp,
+            stamp,
+            robot.position[0] * one,
+            robot.position[1] * one,
+            np.nan * one,
         )
         for robot in team.static
         if robot.position is not None
@@ -95,11 +100,11 @@ def _read_mat(path: Path) -> tuple[list[Any], list[Any]]:
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from None
     except Exception as error:  # noqa: BLE001 - scipy lets through whatever a broken file provokes
-        raise LogError(f"{path}: not a MATLAB 5 file: {_line(error)}") from None
+        raise LogError(f"{path}: not a MATLAB 5 file: {_one_line(error)}") from None
     return _structs(content, "range_m", path), _structs(content, "robot", path)
 
 
-def _line(error: Exception) -> str:
+def _one_line(error: Exception) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
@@ -166,7 +171,7 @@ def _survey(path: Path) -> dict[int, tuple[float, float]]:
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from None
     try:
-        return {int(node): (float(x), float(y)) for node, x, y in NODE.findall(text)}
+        return {int(node): (float(x), float(y)) for node, x, y in NODE_PATTERN.findall(text)}
     except ValueError as error:
         raise LogError(f"{path}: a position is not two numbers: {error}") from None
 
@@ -180,7 +185,7 @@ def _odometry(robot: Any, place: str) -> Odometry:
 def _truth(robot: Any, place: str) -> Poses:
     t, x, y, heading = _columns(robot, ("t", "x", "y", "phi"), place)
     stamp = _nanoseconds(t)
-    return Poses(WORLD, stamp, stamp, x, y, heading)
+    return Poses(WORLD_FRAME, stamp, stamp, x, y, heading)
 
 
 def _ranges(entries: list[Any], pairs: list[tuple[int, ...]], team: Team, mat: Path) -> Ranges:

@@ -25,23 +25,23 @@ from clt.core.errors import LogError
 from clt.core.recording import Odometry, Ranges, Recording, Robot, Stamps, Team
 from clt.log.faults import Faults
 
-GZIP = b"\x1f\x8b"
-MARK, END = b"\xa5\x5a", 0xDD
-HEAD = 4
+GZIP_MAGIC = b"\x1f\x8b"
+FRAME_START, FRAME_END = b"\xa5\x5a", 0xDD
+FRAME_HEAD_BYTES = 4
 """Bytes of a frame before its payload."""
-INERTIAL, WHEELS, RANGE = 1, 2, 3
-LENGTHS = {INERTIAL: 18, WHEELS: 19, RANGE: 15}
+INERTIAL_FRAME, WHEELS_FRAME, RANGE_FRAME = 1, 2, 3
+FRAME_LENGTHS = {INERTIAL_FRAME: 18, WHEELS_FRAME: 19, RANGE_FRAME: 15}
 """What the length byte of every type says."""
-WHEELS_LAYOUT = np.dtype(
+WHEELS_DTYPE = np.dtype(
     [("ms", "<u4"), ("id", "u1"), ("interval", "u1"), ("dx", "<f4"), ("dy", "<f4"), ("dphi", "<f4")]
 )
-RANGE_LAYOUT = np.dtype([("ms", "<u4"), ("id", "u1"), ("other", "u1"), ("range", "<f8")])
+RANGE_DTYPE = np.dtype([("ms", "<u4"), ("id", "u1"), ("other", "u1"), ("range", "<f8")])
 
 Bytes = NDArray[np.uint8]
-Rows = NDArray[np.void]
+StructuredRows = NDArray[np.void]
 
 
-def files(path: Path) -> tuple[Path]:
+def capture_files(path: Path) -> tuple[Path]:
     """The capture itself."""
     return (path,)
 
@@ -54,16 +54,20 @@ def read_capture(path: Path) -> Recording:
     """
     data = np.frombuffer(_content(path), np.uint8)
     faults = Faults(str(path))
-    at = _frames(data, faults)
+    at = _frame_starts(data, faults)
     kind = data[at + 3]
-    wheels = _payloads(data, at[kind == WHEELS], WHEELS_LAYOUT)
-    ranges = _payloads(data, at[kind == RANGE], RANGE_LAYOUT)
+    wheels = _payloads(data, at[kind == WHEELS_FRAME], WHEELS_DTYPE)
+    ranges = _payloads(data, at[kind == RANGE_FRAME], RANGE_DTYPE)
     twist = np.stack([wheels["dx"], wheels["dy"], wheels["dphi"]], axis=-1)
     sound = np.isfinite(twist).all(axis=1) & (wheels["interval"] > 0)
-    _drop(faults, "wheels", at[kind == WHEELS], ~sound, "not finite, or over no time")
+    _report_dropped(
+        faults, "wheels", at[kind == WHEELS_FRAME], ~sound, "not finite, or over no time"
+    )
     wheels, twist = wheels[sound], twist[sound]
     sound = np.isfinite(ranges["range"]) & (ranges["id"] != ranges["other"])
-    _drop(faults, "range", at[kind == RANGE], ~sound, "not finite, or of a radio to itself")
+    _report_dropped(
+        faults, "range", at[kind == RANGE_FRAME], ~sound, "not finite, or of a radio to itself"
+    )
     ranges = ranges[sound]
     if len(wheels) + len(ranges) == 0:
         raise LogError(f"{path}: no range and no wheel frame of the Tsinghua radios in it")
@@ -80,67 +84,69 @@ def read_capture(path: Path) -> Recording:
 def _content(path: Path) -> bytes:
     try:
         data = path.read_bytes()
-        return gzip.decompress(data) if data.startswith(GZIP) else data
+        return gzip.decompress(data) if data.startswith(GZIP_MAGIC) else data
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise LogError(f"{path}: a damaged gzip file: {error}") from None
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from None
 
 
-def _frames(data: Bytes, faults: Faults) -> Stamps:
+def _frame_starts(data: Bytes, faults: Faults) -> Stamps:
     """Where sound frames begin, shape (n,); what lies between them is a fault."""
     size = len(data)
-    at = np.flatnonzero((data[:-1] == MARK[0]) & (data[1:] == MARK[1]))
-    at = at[at + HEAD < size]
+    at = np.flatnonzero((data[:-1] == FRAME_START[0]) & (data[1:] == FRAME_START[1]))
+    at = at[at + FRAME_HEAD_BYTES < size]
     length = np.zeros(256, np.int64)
-    length[list(LENGTHS)] = list(LENGTHS.values())
+    length[list(FRAME_LENGTHS)] = list(FRAME_LENGTHS.values())
     expected = length[data[at + 3]]
     end = at + 3 + expected
     sound = (data[at + 2] == expected) & (expected > 0) & (end < size)
-    sound &= data[np.minimum(end, size - 1)] == END
+    sound &= data[np.minimum(end, size - 1)] == FRAME_END
     kept, free = [], 0
     for begin, stop in zip(at[sound].tolist(), (end[sound] + 1).tolist(), strict=True):
         if begin < free:
             continue  # the mark stands in a payload
-        _skipped(faults, free, begin)
+        _report_skipped(faults, free, begin)
         kept.append(begin)
         free = stop
-    _skipped(faults, free, size)
+    _report_skipped(faults, free, size)
     return np.array(kept, np.int64)
 
 
-def _skipped(faults: Faults, begin: int, end: int) -> None:
+def _report_skipped(faults: Faults, begin: int, end: int) -> None:
     if end > begin:
         text = f"{end - begin} bytes are no frame: skipped"
         faults.add("frame", f"byte {begin}", text, lost=True)
 
 
-def _drop(faults: Faults, name: str, at: Stamps, wrong: NDArray[np.bool_], text: str) -> None:
+def _report_dropped(
+    faults: Faults, name: str, at: Stamps, wrong: NDArray[np.bool_], text: str
+) -> None:
     """Tell of frames whose content makes no sense."""
     for byte in at[wrong].tolist():
         faults.add(name, f"byte {byte}", f"{text}: dropped", lost=True)
 
 
-def _payloads(data: Bytes, at: Stamps, layout: np.dtype[np.void]) -> Rows:
+def _payloads(data: Bytes, at: Stamps, layout: np.dtype[np.void]) -> StructuredRows:
     """Payloads of the frames that begin `at`, in that order."""
-    taken = data[at[:, None] + HEAD + np.arange(layout.itemsize)]
+    taken = data[at[:, None] + FRAME_HEAD_BYTES + np.arange(layout.itemsize)]
     return np.ascontiguousarray(taken).view(layout).reshape(len(at))
 
 
-def _sorted(rows: Rows) -> tuple[Rows, Stamps]:
+def _sorted(rows: StructuredRows) -> tuple[StructuredRows, Stamps]:
     """Rows by time, and their stamps in ns."""
     rows = rows[np.argsort(rows["ms"], kind="stable")]
     return rows, rows["ms"].astype(np.int64) * 1_000_000
 
 
-def _odometry(rows: Rows) -> Odometry:
+def _odometry(rows: StructuredRows) -> Odometry:
     rows, stamp = _sorted(rows)
     seconds, unknown = rows["interval"] * 1e-3, np.full(len(rows), np.nan)
     v, omega = rows["dx"] / seconds, rows["dphi"] / seconds
     return Odometry(stamp, stamp, v, omega, sigma_v=unknown, sigma_omega=unknown)
 
 
-def _ranges(rows: Rows, ids: list[int]) -> Ranges:
+def _ranges(rows: StructuredRows, ids: list[int]) -> Ranges:
     """Uncalibrated, so `range` is `raw`; the sequence counts each ordered pair."""
     rows, stamp = _sorted(rows)
     source, target = (np.searchsorted(ids, rows[end]).astype(np.int64) for end in ("id", "other"))

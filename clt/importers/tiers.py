@@ -29,35 +29,35 @@ import numpy as np
 
 from clt.core.errors import LogError
 from clt.core.recording import Poses, Ranges, Recording, Robot, Team
-from clt.importers.ends import check_ends
+from clt.importers.ends import check_range_ends
 from clt.log.faults import Faults
-from clt.log.mcap.bag import bag_of
+from clt.log.mcap.bag import find_bag
 from clt.log.recording import convert, ranging
-from clt.log.recording.reader import Log, read
-from clt.log.recording.roles import RangeStream, Stream, natural
+from clt.log.recording.reader import Log, read_log
+from clt.log.recording.roles import RangeTopic, StreamTopic, natural_key
 
-ODOMETRY = re.compile(r"/(?P<name>turtle(?:bot)?(?P<number>\d+))/odom", re.ASCII)
-TRUTH = re.compile(
+ODOMETRY_TOPIC = re.compile(r"/(?P<name>turtle(?:bot)?(?P<number>\d+))/odom", re.ASCII)
+TRUTH_TOPIC = re.compile(
     r"/vrpn_client_node/(?P<name>turtle(?:bot)?(?P<number>\d+))(?:_\w+)?/pose", re.ASCII
 )
-RANGE = re.compile(r"/uwb/tof/n_(?P<source>\d+)/n_(?P<target>\d+)/distance", re.ASCII)
-STILL = 0.1
+RANGE_TOPIC = re.compile(r"/uwb/tof/n_(?P<source>\d+)/n_(?P<target>\d+)/distance", re.ASCII)
+MAX_STATIC_EXTENT = 0.1
 """A robot whose truth stays in a box of this size stands, m."""
-RANGE_SIGMA, RANGE_CORRELATION = 0.057, 0.5
+TIERS_RANGE_SIGMA, TIERS_RANGE_CORRELATION = 0.057, 0.5
 """Of the pair's calibrated ranges against the truth, m; where their correlation is 1/3, s."""
-SIGMA_V, SIGMA_OMEGA = 0.02, 0.012
+TIERS_SIGMA_V, TIERS_SIGMA_OMEGA = 0.02, 0.012
 """Of one sample, m/s and rad/s: what makes the errors of means over 0.5 s."""
 
-MIRRORED = 2_000_000
+MAX_MIRROR_GAP_NS = 2_000_000
 """As far apart are the stamps of one range that both ends tell at most, ns."""
 
 
-def files(path: Path) -> tuple[Path, ...]:
+def tiers_files(path: Path) -> tuple[Path, ...]:
     """The file itself, or those of the bag in a folder. Raises LogError where there is none."""
-    return bag_of(path).files if path.is_dir() else (path,)
+    return find_bag(path).files if path.is_dir() else (path,)
 
 
-class Carrier(NamedTuple):
+class TeamMember(NamedTuple):
     """One member of the team as the topics tell it."""
 
     name: str
@@ -72,24 +72,31 @@ def read_tiers(path: Path) -> Recording:
     Raises:
         LogError: naming the file, or the topic, that cannot be used.
     """
-    log = read(path, lambda topic, _: any(p.fullmatch(topic) for p in (ODOMETRY, TRUTH, RANGE)))
+    log = read_log(
+        path,
+        lambda topic, _: any(
+            p.fullmatch(topic) for p in (ODOMETRY_TOPIC, TRUTH_TOPIC, RANGE_TOPIC)
+        ),
+    )
     topics = [topic.name for topic in log.topics.values() if topic.count > 0]
     pairs = _pairs(log, topics)
     if len(pairs) == 0:
         raise LogError(f"{log.name}: no ranges (/uwb/tof/n_A/n_B/distance) in this bag")
-    crew = _crew(log, topics, {node for ends in pairs.values() for node in ends})
-    odometry = {c.name: convert.odometry(log, Stream(c.odometry)) for c in crew if c.odometry}
-    truth = {c.name: convert.poses(log, Stream(c.truth), False) for c in crew if c.truth}
+    crew = _team_members(log, topics, {node for ends in pairs.values() for node in ends})
+    odometry = {
+        c.name: convert.read_odometry(log, StreamTopic(c.odometry)) for c in crew if c.odometry
+    }
+    truth = {c.name: convert.read_poses(log, StreamTopic(c.truth), False) for c in crew if c.truth}
     odometry = {name: stream for name, stream in odometry.items() if len(stream.stamp) > 0}
     truth = {name: poses for name, poses in truth.items() if len(poses.stamp) > 0}
     team = _team(crew, odometry, truth)
     name_of = {c.node: c.name for c in crew if c.node is not None}
     measured = [
-        ranging.measure(log, RangeStream(topic, name_of[source], name_of[target]))
+        ranging.read_ranges(log, RangeTopic(topic, name_of[source], name_of[target]))
         for topic, (source, target) in pairs.items()
     ]
-    ranges = _told_once(ranging.join(log, measured, team), log.faults)
-    check_ends(ranges, team, truth, log.faults)
+    ranges = _without_mirrored(ranging.join_ranges(log, measured, team), log.faults)
+    check_range_ends(ranges, team, truth, log.faults)
     return Recording(
         team=team,
         odometry=odometry,
@@ -101,7 +108,11 @@ def read_tiers(path: Path) -> Recording:
 
 def _pairs(log: Log, topics: Iterable[str]) -> dict[str, tuple[int, int]]:
     """The nodes (source, target) of every topic of ranges. Raises LogError for a node alone."""
-    matches = [match for topic in sorted(topics, key=natural) if (match := RANGE.fullmatch(topic))]
+    matches = [
+        match
+        for topic in sorted(topics, key=natural_key)
+        if (match := RANGE_TOPIC.fullmatch(topic))
+    ]
     pairs = {match[0]: (int(match["source"]), int(match["target"])) for match in matches}
     for topic, (source, target) in pairs.items():
         if source == target or max(source, target) >= 1 << 16:
@@ -109,20 +120,20 @@ def _pairs(log: Log, topics: Iterable[str]) -> dict[str, tuple[int, int]]:
     return pairs
 
 
-def _crew(log: Log, topics: Iterable[str], nodes: set[int]) -> tuple[Carrier, ...]:
+def _team_members(log: Log, topics: Iterable[str], nodes: set[int]) -> tuple[TeamMember, ...]:
     """Robots by number, then nodes that sit on no robot."""
-    driven, seen = (_by_number(log, pattern, topics) for pattern in (ODOMETRY, TRUTH))
+    driven, seen = (_by_number(log, pattern, topics) for pattern in (ODOMETRY_TOPIC, TRUTH_TOPIC))
     numbers = sorted({*driven, *seen})
-    node_of = _nodes(nodes, numbers)
+    node_of = _nodes_of_robots(nodes, numbers)
     crew = []
     for number in numbers:
         odometry, truth = driven.get(number), seen.get(number)
         match = odometry or truth
         name = "" if match is None else match["name"]
         topic = [None if match is None else match[0] for match in (odometry, truth)]
-        crew.append(Carrier(name, node_of.get(number), *topic))
+        crew.append(TeamMember(name, node_of.get(number), *topic))
     alone = sorted(nodes - set(node_of.values()))
-    return (*crew, *(Carrier(f"node{node}", node, None, None) for node in alone))
+    return (*crew, *(TeamMember(f"node{node}", node, None, None) for node in alone))
 
 
 def _by_number(
@@ -140,7 +151,7 @@ def _by_number(
     return found
 
 
-def _nodes(nodes: Collection[int], robots: Collection[int]) -> dict[int, int]:
+def _nodes_of_robots(nodes: Collection[int], robots: Collection[int]) -> dict[int, int]:
     """The node on each robot, by number, as far as the numbers tell."""
     node_of = {number: number for number in robots if number in nodes}
     free = [node for node in nodes if node not in node_of]
@@ -150,10 +161,12 @@ def _nodes(nodes: Collection[int], robots: Collection[int]) -> dict[int, int]:
     return node_of
 
 
-def _team(crew: Iterable[Carrier], odometry: Collection[str], truth: Mapping[str, Poses]) -> Team:
+def _team(
+    crew: Iterable[TeamMember], odometry: Collection[str], truth: Mapping[str, Poses]
+) -> Team:
     """Ids are the nodes'; a robot without one takes the next free number."""
     crew = tuple(crew)
-    still = {name: _stands(poses) for name, poses in truth.items()}
+    still = {name: _is_static(poses) for name, poses in truth.items()}
     taken = {c.node for c in crew}
     spare = (number for number in range(1, 1 << 16) if number not in taken)
     robots = [
@@ -161,19 +174,19 @@ def _team(crew: Iterable[Carrier], odometry: Collection[str], truth: Mapping[str
             c.name,
             next(spare) if c.node is None else c.node,
             static=c.name not in odometry and still.get(c.name, all(still.values())),
-            sigma_v=SIGMA_V if c.name in odometry else np.nan,
-            sigma_omega=SIGMA_OMEGA if c.name in odometry else np.nan,
+            sigma_v=TIERS_SIGMA_V if c.name in odometry else np.nan,
+            sigma_omega=TIERS_SIGMA_OMEGA if c.name in odometry else np.nan,
         )
         for c in crew
     ]
-    return Team(tuple(robots), RANGE_SIGMA, RANGE_CORRELATION)
+    return Team(tuple(robots), TIERS_RANGE_SIGMA, TIERS_RANGE_CORRELATION)
 
 
-def _stands(poses: Poses) -> bool:
-    return bool(max(np.ptp(poses.x), np.ptp(poses.y)) < STILL)
+def _is_static(poses: Poses) -> bool:
+    return bool(max(np.ptp(poses.x), np.ptp(poses.y)) < MAX_STATIC_EXTENT)
 
 
-def _told_once(ranges: Ranges, faults: Faults) -> Ranges:
+def _without_mirrored(ranges: Ranges, faults: Faults) -> Ranges:
     """The ranges without those that repeat the one before from the other end."""
     low, high = np.minimum(ranges.source, ranges.target), np.maximum(ranges.source, ranges.target)
     order = np.lexsort((ranges.stamp, high, low))
@@ -181,7 +194,7 @@ def _told_once(ranges: Ranges, faults: Faults) -> Ranges:
         column[order] for column in (low, high, ranges.source, ranges.raw, ranges.stamp)
     )
     same = (np.diff(low) == 0) & (np.diff(high) == 0) & (np.diff(source) != 0)
-    same &= (np.diff(value) == 0.0) & (np.diff(stamp) <= MIRRORED)
+    same &= (np.diff(value) == 0.0) & (np.diff(stamp) <= MAX_MIRROR_GAP_NS)
     again = np.zeros(len(order), np.bool_)
     again[order[1:][same]] = True
     count = int(np.count_nonzero(again))

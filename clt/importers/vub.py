@@ -22,25 +22,25 @@ from pathlib import Path
 import numpy as np
 
 from clt.core.errors import LogError
-from clt.core.geometry import heading_of_quaternion, wrap
-from clt.core.recording import WORLD, Floats, Odometry, Poses, Ranges, Recording, Robot, Team
-from clt.importers.csvfile import Table, read_table
+from clt.core.geometry import heading_of_quaternion, wrap_angle
+from clt.core.recording import WORLD_FRAME, Floats, Odometry, Poses, Ranges, Recording, Robot, Team
+from clt.importers.csvfile import CsvTable, read_csv_table
 from clt.log.faults import Faults
 
-FILE = re.compile(
+VUB_FILE_PATTERN = re.compile(
     r"(?P<run>[A-Za-z0-9]+)_(?:uwb|(?P<robot>tb(?P<id>\d+))_(?P<kind>vio|vicon))\.csv(?:\.gz)?"
 )
-TIME = "t_unix_s"
-POSE = ("x_m", "y_m", "qw", "qx", "qy", "qz")
-FASTEST, QUICKEST = 1.0, 2.0
+TIME_COLUMN = "t_unix_s"
+POSE_COLUMNS = ("x_m", "y_m", "qw", "qx", "qy", "qz")
+MAX_SPEED, MAX_TURN_RATE = 1.0, 2.0
 """No TurtleBot4 drives or turns like that, m/s and rad/s."""
-RANGE_SIGMA, RANGE_CORRELATION = 0.09, 0.8
+VUB_RANGE_SIGMA, VUB_RANGE_CORRELATION = 0.09, 0.8
 """Robust deviation of exp4's ranges from the truth, m; where their correlation is 1/e, s."""
-SIGMA_V, SIGMA_OMEGA = 0.045, 0.02
+VUB_SIGMA_V, VUB_SIGMA_OMEGA = 0.045, 0.02
 """Of one sample, m/s and rad/s: what makes the errors of means over 0.5 to 10 s, jumps aside."""
 
 
-def files(path: Path) -> tuple[Path, ...]:
+def vub_files(path: Path) -> tuple[Path, ...]:
     """All files of one experiment.
 
     `path` is one of them, or the folder and the experiment's name (`.../exp4`), or a folder that
@@ -48,7 +48,7 @@ def files(path: Path) -> tuple[Path, ...]:
     """
     folder, name = (path, "") if path.is_dir() else (path.parent, path.name)
     try:
-        found = [file for file in sorted(folder.iterdir()) if FILE.fullmatch(file.name)]
+        found = [file for file in sorted(folder.iterdir()) if VUB_FILE_PATTERN.fullmatch(file.name)]
     except OSError as error:
         raise LogError(f"{folder}: {error.strerror or error}") from None
     runs = sorted({file.name.partition("_")[0] for file in found})
@@ -61,12 +61,12 @@ def files(path: Path) -> tuple[Path, ...]:
 
 
 def read_vub(path: Path) -> Recording:
-    """Read one experiment; `path` as `files` takes it.
+    """Read one experiment; `path` as `vub_files` takes it.
 
     Raises:
         LogError: naming the file and what is missing or wrong in it.
     """
-    matches = [(file, FILE.fullmatch(file.name)) for file in files(path)]
+    matches = [(file, VUB_FILE_PATTERN.fullmatch(file.name)) for file in vub_files(path)]
     kinds = {(m["robot"], m["kind"]): file for file, m in matches if m is not None}
     ids = {m["robot"]: int(m["id"]) for _, m in matches if m is not None and m["robot"]}
     place = matches[0][0].with_name(matches[0][0].name.partition("_")[0])
@@ -77,51 +77,56 @@ def read_vub(path: Path) -> Recording:
     faults = Faults(str(place))
     names = sorted(ids, key=ids.__getitem__)
     tables = {
-        key: read_table(file, TIME, POSE, faults) for key, file in kinds.items() if key[0] in ids
+        key: read_csv_table(file, TIME_COLUMN, POSE_COLUMNS, faults)
+        for key, file in kinds.items()
+        if key[0] in ids
     }
     return Recording(
         team=Team(
             tuple(
-                Robot(name, ids[name], sigma_v=SIGMA_V, sigma_omega=SIGMA_OMEGA) for name in names
+                Robot(name, ids[name], sigma_v=VUB_SIGMA_V, sigma_omega=VUB_SIGMA_OMEGA)
+                for name in names
             ),
-            RANGE_SIGMA,
-            RANGE_CORRELATION,
+            VUB_RANGE_SIGMA,
+            VUB_RANGE_CORRELATION,
         ),
         odometry={
             name: _odometry(tables[name, "vio"], kinds[name, "vio"].name, faults)
             for name in names
             if (name, "vio") in tables
         },
-        ranges=_ranges(read_table(kinds[None, None], TIME, ("range_m",), faults)),
+        ranges=_ranges(read_csv_table(kinds[None, None], TIME_COLUMN, ("range_m",), faults)),
         truth={name: _truth(tables[name, "vicon"]) for name in names if (name, "vicon") in tables},
         faults=faults.all(),
     )
 
 
-def _odometry(poses: Table, place: str, faults: Faults) -> Odometry:
+def _odometry(poses: CsvTable, place: str, faults: Faults) -> Odometry:
     """Steps of a pose as mean twists: a chord and a turn make the arc between two stamps."""
-    x, y, qw, qx, qy, qz = (poses.columns[name] for name in POSE)
+    x, y, qw, qx, qy, qz = (poses.columns[name] for name in POSE_COLUMNS)
     # The camera looks along its z axis: the third column of R, projected.
     heading = np.arctan2(2.0 * (qy * qz - qw * qx), 2.0 * (qx * qz + qw * qy))
     dt = np.diff(poses.stamp) * 1e-9
-    turn = wrap(np.diff(heading))
+    turn = wrap_angle(np.diff(heading))
     middle = heading[:-1] + 0.5 * turn
     chord = np.cos(middle) * np.diff(x) + np.sin(middle) * np.diff(y)
     v, omega = chord / np.sinc(turn / (2.0 * np.pi)) / dt, turn / dt
-    jumps = int(np.count_nonzero((np.abs(v) > FASTEST) | (np.abs(omega) > QUICKEST)))
+    jumps = int(np.count_nonzero((np.abs(v) > MAX_SPEED) | (np.abs(omega) > MAX_TURN_RATE)))
     if jumps > 0:
-        text = f"{jumps} of {len(v)} steps beyond {FASTEST:g} m/s or {QUICKEST:g} rad/s; kept"
+        text = (
+            f"{jumps} of {len(v)} steps beyond {MAX_SPEED:g} m/s or {MAX_TURN_RATE:g} rad/s; kept"
+        )
         faults.add("jump", place, text, count=jumps)
     stamp, unknown = poses.stamp[1:], np.full(len(v), np.nan)
     return Odometry(stamp, stamp, v, omega, sigma_v=unknown, sigma_omega=unknown)
 
 
-def _truth(poses: Table) -> Poses:
-    x, y, qw, qx, qy, qz = (poses.columns[name] for name in POSE)
-    return Poses(WORLD, poses.stamp, poses.stamp, x, y, heading_of_quaternion(qx, qy, qz, qw))
+def _truth(poses: CsvTable) -> Poses:
+    x, y, qw, qx, qy, qz = (poses.columns[name] for name in POSE_COLUMNS)
+    return Poses(WORLD_FRAME, poses.stamp, poses.stamp, x, y, heading_of_quaternion(qx, qy, qz, qw))
 
 
-def _ranges(table: Table) -> Ranges:
+def _ranges(table: CsvTable) -> Ranges:
     """The first robot's ranges to the second; uncalibrated, so `range` is `raw`."""
     raw: Floats = table.columns["range_m"]
     count, stamp = len(raw), table.stamp

@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 from clt.core.recording import Floats, Indices, Ranges, Recording
 from clt.model.inputs import (
     DEFAULT_SIGMA_RANGE,
-    LEAST_SIGMA_RANGE,
-    correlated_variance,
-    correlation_time,
+    MIN_SIGMA_RANGE,
     first_known,
+    inflated_variances,
+    range_correlation_time,
 )
-from clt.model.settings import Noise
+from clt.model.settings import NoiseSettings
 
-WIDEST = 1e6
+MAX_RANGE_SIGMA = 1e6
 """A standard deviation beyond which a range says nothing, m: its square still leaves digits."""
-CLIP = 3.5
+OUTLIER_SIGMAS = 3.5
 """A range further than this many standard deviations from its pair's middle is an outlier."""
 
 
 @dataclass(frozen=True)
-class Pairs:
+class PairDistances:
     """One mean distance per pair, shape (m,): m."""
 
     a: Indices
@@ -35,8 +35,8 @@ class Pairs:
     """Standard deviation of the mean; ranges whose errors are correlated count for fewer."""
 
 
-def range_sigma(recording: Recording, noise: Noise) -> Floats:
-    """Standard deviation of every range of a recording, m; none beyond WIDEST."""
+def range_sigma(recording: Recording, noise: NoiseSettings) -> Floats:
+    """Standard deviation of every range of a recording, m; none beyond MAX_RANGE_SIGMA."""
     ranges = recording.ranges
     sigma = first_known(
         noise.sigma_range,
@@ -45,12 +45,12 @@ def range_sigma(recording: Recording, noise: Noise) -> Floats:
         DEFAULT_SIGMA_RANGE,
         size=ranges.stamp.size,
     )
-    return np.clip(sigma, LEAST_SIGMA_RANGE, WIDEST)
+    return np.clip(sigma, MIN_SIGMA_RANGE, MAX_RANGE_SIGMA)
 
 
 def mean_distances(
-    recording: Recording, nodes: Collection[int], begin: int, end: int, noise: Noise
-) -> Pairs:
+    recording: Recording, nodes: Collection[int], begin: int, end: int, noise: NoiseSettings
+) -> PairDistances:
     """Mean distance of every measured pair of `nodes` (team indices) in begin < stamp <= end.
 
     Single outliers are left out. Columns `a` and `b` hold team indices, a < b.
@@ -68,19 +68,19 @@ def mean_distances(
     low = np.minimum(ranges.source[rows], ranges.target[rows])
     high = np.maximum(ranges.source[rows], ranges.target[rows])
     key = low * size + high
-    tau = correlation_time(noise, recording.team)
-    weight = 1.0 / correlated_variance(variance, ranges.stamp[rows], key, tau)
+    tau = range_correlation_time(noise, recording.team)
+    weight = 1.0 / inflated_variances(variance, ranges.stamp[rows], key, tau)
     keys = np.unique(key)
     means = np.array(
         [
-            _mean(ranges.range[rows[key == k]], variance[key == k], weight[key == k])
+            _robust_mean(ranges.range[rows[key == k]], variance[key == k], weight[key == k])
             for k in keys.tolist()
         ]
     ).reshape(-1, 2)
-    return Pairs(keys // size, keys % size, means[:, 0], means[:, 1])
+    return PairDistances(keys // size, keys % size, means[:, 0], means[:, 1])
 
 
-def between(recording: Recording, ends: Collection[tuple[int, int]]) -> NDArray[np.bool_]:
+def rows_of_pairs(recording: Recording, ends: Collection[tuple[int, int]]) -> NDArray[np.bool_]:
     """Rows of the ranges that were measured between both `ends` (team indices) of a pair."""
     size = len(recording.team.robots)
     source, target = recording.ranges.source, recording.ranges.target
@@ -88,23 +88,23 @@ def between(recording: Recording, ends: Collection[tuple[int, int]]) -> NDArray[
     return np.isin(np.minimum(source, target) * size + np.maximum(source, target), wanted)
 
 
-def without(recording: Recording, ends: Collection[tuple[int, int]]) -> Recording:
+def without_pairs(recording: Recording, ends: Collection[tuple[int, int]]) -> Recording:
     """The recording without the ranges of some pairs (team indices)."""
     if len(ends) == 0:
         return recording
-    keep, columns = ~between(recording, ends), vars(recording.ranges)
+    keep, columns = ~rows_of_pairs(recording, ends), vars(recording.ranges)
     ranges = Ranges(**{name: column[keep] for name, column in columns.items()})
     return replace(recording, ranges=ranges)
 
 
-def _mean(value: Floats, variance: Floats, weight: Floats) -> tuple[float, float]:
+def _robust_mean(value: Floats, variance: Floats, weight: Floats) -> tuple[float, float]:
     """Weighted mean of one pair's ranges without outliers, and its standard deviation.
 
     However short the time, correlated errors are worth at least one range.
     """
     middle = float(np.median(value))
     spread = 1.4826 * float(np.median(np.abs(value - middle)))
-    inside = np.abs(value - middle) <= CLIP * np.maximum(np.sqrt(variance), spread)
+    inside = np.abs(value - middle) <= OUTLIER_SIGMAS * np.maximum(np.sqrt(variance), spread)
     value, variance, weight = value[inside], variance[inside], weight[inside]
     mean = float(np.sum(weight * value) / np.sum(weight))
     return mean, float(np.sqrt(min(1.0 / np.sum(weight), float(np.min(variance)))))

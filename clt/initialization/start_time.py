@@ -12,16 +12,16 @@ import numpy as np
 
 from clt.core.errors import CltError
 from clt.core.recording import Recording
-from clt.core.start import odometry_begin
+from clt.core.start import odometry_start
 
-LATE = 10_000_000_000
+MAX_WAIT_NS = 10_000_000_000
 """A robot whose odometry begins this long after most others' is not waited for, ns."""
-WAITING = 1_000_000_000
+MIN_REPORTED_WAIT_NS = 1_000_000_000
 """A wait that is worth a word, ns."""
 
 
 @dataclass(frozen=True)
-class Beginning:
+class StartTime:
     """The instant of the start."""
 
     stamp: int
@@ -33,17 +33,17 @@ class Beginning:
     notes: tuple[str, ...]
 
 
-def beginning(recording: Recording, moving: Sequence[str]) -> Beginning:
+def choose_start_time(recording: Recording, moving: Sequence[str]) -> StartTime:
     """When most of the `moving` robots have odometry and two static ones are heard.
 
     A robot that comes a little later is waited for; one that comes much later, or whose odometry
     has ended by then, is left out. Raises CltError where none remains.
     """
-    begins = {name: odometry_begin(recording, name) for name in moving}
+    begins = {name: odometry_start(recording, name) for name in moving}
     first = sorted(begins.values())[(len(begins) - 1) // 2]
-    heard = two_statics_heard(recording)
+    heard = second_static_time(recording)
     notes = []
-    if heard > first + LATE:
+    if heard > first + MAX_WAIT_NS:
         notes.append(
             f"the start waits {(heard - first) * 1e-9:.1f} s: before, fewer than two static robots "
             "are heard"
@@ -54,7 +54,7 @@ def beginning(recording: Recording, moving: Sequence[str]) -> Beginning:
         "start, whose poses hold at one instant; to begin when it joins, give the poses at that "
         "time in a TOML file (--init FILE)"
         for name, begin in begins.items()
-        if begin > first + LATE
+        if begin > first + MAX_WAIT_NS
     }
     stamp = max(first, *(begin for name, begin in begins.items() if name not in absent))
     absent |= {
@@ -66,15 +66,15 @@ def beginning(recording: Recording, moving: Sequence[str]) -> Beginning:
     if len(names) == 0:
         name, why = next(iter(absent.items()))
         raise CltError(f"no moving robot can be initialized: {name}: {why}")
-    if stamp - first > WAITING:
+    if stamp - first > MIN_REPORTED_WAIT_NS:
         last = max(names, key=lambda name: begins[name])
         notes.append(
             f"the start waits {(stamp - first) * 1e-9:.1f} s until the odometry of {last} begins"
         )
-    return Beginning(stamp, names, absent, tuple(notes))
+    return StartTime(stamp, names, absent, tuple(notes))
 
 
-def two_statics_heard(recording: Recording) -> int:
+def second_static_time(recording: Recording) -> int:
     """Just before the first range of the second static robot that has any, ns; 0 without two."""
     team, ranges = recording.team, recording.ranges
     first = []

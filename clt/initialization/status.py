@@ -8,13 +8,13 @@ from typing import Literal
 
 import numpy as np
 
-from clt.core.geometry import ANY_HEADING
-from clt.core.recording import WORLD, Floats, Team
+from clt.core.geometry import UNIFORM_HEADING_SIGMA
+from clt.core.recording import WORLD_FRAME, Floats, Team
 from clt.core.start import Hypothesis, InitialPose, Start
 
 Status = Literal["ok", "ambiguous", "unobservable"]
 
-AGAIN = 3.0
+REUSE_SIGMA_FACTOR = 3.0
 """The filter that follows sees the same ranges once more. It starts from this many times the
 standard deviation, so that their information counts 1.1 times, not twice."""
 
@@ -54,9 +54,9 @@ class Initialization:
     robots: Mapping[str, RobotStatus]
     """All robots of the team that could take part."""
     notes: tuple[str, ...] = ()
-    again: float = AGAIN
+    again: float = REUSE_SIGMA_FACTOR
     """By how much `start` widens the standard deviations."""
-    frame: str = WORLD
+    frame: str = WORLD_FRAME
     """Id of the frame that the poses stand in."""
     hypotheses: tuple[Hypothesis, ...] = ()
     """Joint poses of the team that remain possible, the most probable first; empty where the
@@ -91,31 +91,31 @@ class Initialization:
         return {
             name: pose
             if name in self.given
-            else InitialPose(pose.mean, widened(pose.covariance, self.again))
+            else InitialPose(pose.mean, inflate_covariance(pose.covariance, self.again))
             for name, pose in poses.items()
         }
 
 
-def widened(covariance: Floats, factor: float) -> Floats:
+def inflate_covariance(covariance: Floats, factor: float) -> Floats:
     """A covariance (3, 3) with so many times the standard deviations, no heading beyond any."""
     scale = np.full(3, factor)
     sigma = float(np.sqrt(covariance[2, 2]))
-    scale[2] = min(factor, ANY_HEADING / sigma) if sigma > 0.0 else factor
+    scale[2] = min(factor, UNIFORM_HEADING_SIGMA / sigma) if sigma > 0.0 else factor
     wide: Floats = covariance * np.outer(scale, scale)
     return wide
 
 
-def unobservable(why: str) -> RobotStatus:
+def unobservable_status(why: str) -> RobotStatus:
     """A robot of which nothing can be told."""
     return RobotStatus("unobservable", None, why=why)
 
 
-def as_given(start: Start, team: Team, lack: str) -> Initialization:
+def from_given_start(start: Start, team: Team, lack: str) -> Initialization:
     """Poses that somebody else vouches for, from no range of the log; others `lack` them."""
     robots = {
         robot.name: RobotStatus("ok", start.poses[robot.name])
         if robot.name in start.poses
-        else unobservable(f"no {lack}")
+        else unobservable_status(f"no {lack}")
         for robot in team.robots
         if robot.name in start.poses or not robot.static
     }

@@ -29,7 +29,7 @@ def fingerprint(*folders: Path) -> str:
     return digest.hexdigest()[:12]
 
 
-def compiled(function: F, **options: Any) -> F:
+def compile_kernel(function: F, **options: Any) -> F:
     """Compile on the first call and keep the machine code for later processes, where that can be.
 
     No fast-math: the same numbers on every run. Other threads run meanwhile: see `clt.cli.entry`.
@@ -47,18 +47,18 @@ def compiled(function: F, **options: Any) -> F:
 
 
 def kernel(function: F) -> F:
-    """Compile a function. It may make arrays even where a `lean` one calls it."""
-    return compiled(function, _nrt=True)
+    """Compile a function. It may make arrays even where a `compiled_noalloc` one calls it."""
+    return compile_kernel(function, _nrt=True)
 
 
-def lean(function: F) -> F:
+def compiled_noalloc(function: F) -> F:
     """Compile a function that makes no arrays."""
-    return compiled(function, **NO_ARRAYS)
+    return compile_kernel(function, **NO_ARRAYS)
 
 
 def inlined(function: F) -> F:
     """Compile a small function that makes no arrays into its callers: cheaper than by itself."""
-    return compiled(function, inline="always", **NO_ARRAYS)
+    return compile_kernel(function, inline="always", **NO_ARRAYS)
 
 
 def is_cached(function: Callable[..., object]) -> bool:
@@ -68,7 +68,7 @@ def is_cached(function: Callable[..., object]) -> bool:
     return folder is not None and any(Path(folder).glob(f"*.{name}-*.nbi"))
 
 
-class Watcher(event.Listener):
+class CompileListener(event.Listener):
     """Calls back before the first kernel is compiled."""
 
     def __init__(self, say: Callable[[bool], None]) -> None:
@@ -86,7 +86,7 @@ class Watcher(event.Listener):
 
 
 @contextmanager
-def watched(say: Callable[[bool], None]) -> Iterator[None]:
+def watch_numba_compilation(say: Callable[[bool], None]) -> Iterator[None]:
     """Call `say` once if anything is compiled meanwhile, with whether that is kept for later."""
-    with event.install_listener("numba:compile", Watcher(say)):
+    with event.install_listener("numba:compile", CompileListener(say)):
         yield

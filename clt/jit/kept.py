@@ -24,15 +24,15 @@ from typing import Any
 
 import numpy as np
 
-FINE = {0, -2}
+SUCCESS_STATUSES = {0, -2}
 """Statuses of a kernel that returned a number or nothing."""
-LIBRARY = {"sqrt", "memset", "memcpy", "memmove"}
+EXTERNAL_SYMBOLS = {"sqrt", "memset", "memcpy", "memmove"}
 """What a kernel may call that is not its own: it is in every process."""
-DIGEST = hashlib.sha256().digest_size
+DIGEST_BYTES = hashlib.sha256().digest_size
 _watchers: list[Callable[[bool], None]] = []
 
 
-class Kept:
+class CachedKernel:
     """A function of a module that makes no arrays, compiled, and kept for later processes.
 
     It returns an integer, or 0 for nothing. No fast-math: the same numbers on every run.
@@ -47,13 +47,13 @@ class Kept:
         if os.environ.get("NUMBA_DISABLE_JIT", "0") not in {"", "0"}:
             return int(getattr(import_module(self.module), self.name)(*arguments) or 0)
         arrays = list(_arrays(arguments))
-        kinds = "".join(_kind(array) for array in arrays)
+        kinds = "".join(_array_type(array) for array in arrays)
         if kinds not in self._linked:
             self._linked[kinds] = _link(*self._code(kinds, arguments))
-        words = [word for array in arrays for word in _words(array)]
+        words = [word for array in arrays for word in _argument_words(array)]
         result, trouble = ctypes.c_int64(0), ctypes.c_void_p()
         status = self._linked[kinds](ctypes.addressof(result), ctypes.addressof(trouble), *words)
-        if status not in FINE:
+        if status not in SUCCESS_STATUSES:
             raise RuntimeError(f"{self.module}.{self.name} ended with status {status}")
         return result.value
 
@@ -63,7 +63,7 @@ class Kept:
         if spec is None or spec.origin is None:
             raise ImportError(self.module)
         source = Path(spec.origin)
-        folders, file = _folders(source), f"{self.name}-{_circumstances(source, kinds)}.o"
+        folders, file = _folders(source), f"{self.name}-{_cache_key(source, kinds)}.o"
         for folder in folders:
             found = _read(folder / file)
             if found is not None:
@@ -78,7 +78,7 @@ class Kept:
 
 
 @contextmanager
-def watched(say: Callable[[bool], None]) -> Iterator[None]:
+def watch_kernel_compilation(say: Callable[[bool], None]) -> Iterator[None]:
     """Call `say` once if a kernel is compiled meanwhile, with whether that is kept for later."""
     _watchers.append(say)
     try:
@@ -97,20 +97,20 @@ def _arrays(arguments: tuple[Any, ...]) -> Iterator[np.ndarray]:
             yield argument
 
 
-def _kind(array: np.ndarray) -> str:
+def _array_type(array: np.ndarray) -> str:
     """All of an array that machine code depends on."""
     flags = array.flags
     told = "".join("01"[flag] for flag in (flags.c_contiguous, flags.writeable, flags.aligned))
     return f"{array.dtype.str}{array.ndim}{told};"
 
 
-def _words(array: np.ndarray) -> tuple[int, ...]:
+def _argument_words(array: np.ndarray) -> tuple[int, ...]:
     """An array as the machine words of one argument."""
     return (0, 0, array.size, array.itemsize, array.ctypes.data, *array.shape, *array.strides)
 
 
 @cache
-def _circumstances(source: Path, kinds: str) -> str:
+def _cache_key(source: Path, kinds: str) -> str:
     """Of sources, versions, processor and arguments: machine code of others is never found."""
     from llvmlite import binding  # noqa: PLC0415 - only those who run kernels need it
 
@@ -149,8 +149,8 @@ def _read(path: Path) -> tuple[str, bytes] | None:
         data = path.read_bytes()
     except OSError:
         return None
-    symbol, mark, code = data[DIGEST:].partition(b"\0")
-    if mark == b"" or hashlib.sha256(data[DIGEST:]).digest() != data[:DIGEST]:
+    symbol, mark, code = data[DIGEST_BYTES:].partition(b"\0")
+    if mark == b"" or hashlib.sha256(data[DIGEST_BYTES:]).digest() != data[:DIGEST_BYTES]:
         return None
     return symbol.decode(), code
 
@@ -179,8 +179,10 @@ def _compile(function: Callable[..., object], arguments: tuple[Any, ...]) -> tup
     functions = binding.parse_assembly(made.library.get_llvm_str()).functions
     called = {each.name for each in functions if each.is_declaration}
     names = {name for name in called if not name.startswith("llvm.")}
-    if not names <= LIBRARY:
-        raise RuntimeError(f"{function.__name__} calls {', '.join(sorted(names - LIBRARY))}")
+    if not names <= EXTERNAL_SYMBOLS:
+        raise RuntimeError(
+            f"{function.__name__} calls {', '.join(sorted(names - EXTERNAL_SYMBOLS))}"
+        )
     return made.fndesc.llvm_func_name, made.library.serialize_using_object_code()[2][0]
 
 

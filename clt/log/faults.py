@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from clt.core.printable import name as shown
+from clt.core.printable import printable_name as shown
 from clt.core.recording import Fault
 
-NAMED = 3
+MAX_FAULTS_OF_A_KIND = 3
 """As many faults of one kind are told one by one."""
 
 
@@ -36,7 +36,7 @@ class Faults:
         `subject` and `values` as in `Fault`.
         """
         found = self._found.setdefault(kind, [])
-        if len(found) < NAMED:
+        if len(found) < MAX_FAULTS_OF_A_KIND:
             line = f"{self.name}: {shown(place)}: {text}"
             found.append(Fault(kind, count, line, lost, subject, values or {}))
             return

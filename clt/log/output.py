@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import BinaryIO
 
 from clt.core.errors import CltError, UsageError
-from clt.log.unfinished import unfinished
+from clt.log.unfinished import unfinished_file
 
 STDOUT = Path("-")
 
 
 @contextmanager
-def output(path: Path, force: bool = False, inputs: Sequence[Path] = ()) -> Iterator[BinaryIO]:
+def open_output(path: Path, force: bool = False, inputs: Sequence[Path] = ()) -> Iterator[BinaryIO]:
     """A binary file that takes its final name only when the block ends without an exception.
 
     `-` is standard output (it need not be seekable). `inputs` are files that must not be
@@ -25,20 +25,20 @@ def output(path: Path, force: bool = False, inputs: Sequence[Path] = ()) -> Iter
     """
     if path == STDOUT:
         _refuse_terminal()
-        with _written(Path("standard output")):
+        with _naming_write_errors(Path("standard output")):
             try:
                 yield sys.stdout.buffer
                 sys.stdout.buffer.flush()
             except OSError:
                 silence_stdout()
                 raise
-    elif _special(path):
-        with _written(path), path.open("wb") as file:
+    elif _is_device(path):
+        with _naming_write_errors(path), path.open("wb") as file:
             yield file
     else:
         with (
-            output_path(path, force, inputs) as temporary,
-            _written(path, temporary),
+            temporary_output(path, force, inputs) as temporary,
+            _naming_write_errors(path, temporary),
             temporary.open("wb") as file,
         ):
             yield file
@@ -47,15 +47,17 @@ def output(path: Path, force: bool = False, inputs: Sequence[Path] = ()) -> Iter
 
 
 @contextmanager
-def output_path(path: Path, force: bool = False, inputs: Sequence[Path] = ()) -> Iterator[Path]:
+def temporary_output(
+    path: Path, force: bool = False, inputs: Sequence[Path] = ()
+) -> Iterator[Path]:
     """A temporary path beside `path`, renamed to it on success and removed on any exception.
 
-    For writers that want a name; the suffix is kept. Raises CltError as `output` does.
+    For writers that want a name; the suffix is kept. Raises CltError as `open_output` does.
     """
-    check(path, force, inputs)
-    with unfinished(path) as temporary:
+    check_output(path, force, inputs)
+    with unfinished_file(path) as temporary:
         yield temporary
-        with _written(path, temporary):
+        with _naming_write_errors(path, temporary):
             _take_name(temporary, path, force)
 
 
@@ -78,7 +80,7 @@ def _take_name(temporary: Path, path: Path, force: bool) -> None:
     temporary.replace(path.resolve())
 
 
-def check(path: Path, force: bool = False, inputs: Sequence[Path] = ()) -> None:
+def check_output(path: Path, force: bool = False, inputs: Sequence[Path] = ()) -> None:
     """Raise CltError unless `path` may be written; for commands to call before they work."""
     if path == STDOUT:
         _refuse_terminal()
@@ -89,7 +91,7 @@ def check(path: Path, force: bool = False, inputs: Sequence[Path] = ()) -> None:
         raise CltError(f"{path}: is a directory; name a file in it")
     if any(_same(path, other) for other in inputs):
         raise CltError(f"{path}: is also an input; choose another output")
-    if path.exists() and not force and not _special(path):
+    if path.exists() and not force and not _is_device(path):
         raise CltError(f"{path}: exists; use --force to overwrite it")
 
 
@@ -107,13 +109,13 @@ def silence_stdout() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _special(path: Path) -> bool:
+def _is_device(path: Path) -> bool:
     """A device or a named pipe: written in place, never replaced."""
     return path.exists() and not path.is_file() and not path.is_dir()
 
 
 @contextmanager
-def _written(path: Path, temporary: Path | None = None) -> Iterator[None]:
+def _naming_write_errors(path: Path, temporary: Path | None = None) -> Iterator[None]:
     """Name `path` in an error of writing it; errors about other files pass through."""
     try:
         yield

@@ -21,14 +21,14 @@ _own: set[Path] = set()
 
 
 @contextmanager
-def unfinished(target: Path) -> Iterator[Path]:
+def unfinished_file(target: Path) -> Iterator[Path]:
     """An empty file beside `target`, with its suffix; gone at the end unless it was renamed.
 
     Raises CltError naming `target` where there can be no such file.
     """
     try:
         beside = target.resolve()
-        sweep(beside)
+        remove_abandoned(beside)
         path, file = _create(beside)
     except OSError as error:
         raise CltError(f"{target}: {error.strerror or error}") from error
@@ -49,7 +49,7 @@ def discard() -> None:
             path.unlink(missing_ok=True)
 
 
-def sweep(target: Path) -> None:
+def remove_abandoned(target: Path) -> None:
     """Remove the unfinished files of `target` whose processes are dead."""
     head, tail = re.escape(_head(target)), re.escape(target.suffix)
     pattern = re.compile(rf"{head}[0-9a-f]{{8}}{tail}", re.DOTALL)

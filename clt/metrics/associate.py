@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.core.recording import Floats, Indices, Poses, Stamps
 
 Association = Literal["interpolate", "nearest"]
@@ -15,7 +15,7 @@ SECOND = 1_000_000_000
 
 
 @dataclass(frozen=True)
-class Matched:
+class MatchedPoses:
     """Truth poses and the estimates that belong to them, m pairs in order of time."""
 
     stamp: Stamps
@@ -39,7 +39,7 @@ class Matched:
     def error(self) -> Floats:
         """Estimate minus truth, heading wrapped, shape (m, 3)."""
         difference = self.estimate - self.truth
-        difference[:, 2] = wrap(difference[:, 2])
+        difference[:, 2] = wrap_angle(difference[:, 2])
         return difference
 
 
@@ -48,7 +48,7 @@ def as_array(poses: Poses) -> Floats:
     return np.column_stack([poses.x, poses.y, poses.heading])
 
 
-def seconds(stamp: Stamps) -> Floats:
+def evo_seconds(stamp: Stamps) -> Floats:
     """Stamps as floating seconds, rounded as evo rounds them: sec + 1e-9 nanosec."""
     return stamp // SECOND + (stamp % SECOND) * 1e-9
 
@@ -74,23 +74,23 @@ def interpolate(poses: Poses, at: Stamps, max_gap: float) -> tuple[Indices, Floa
     w = ((at[found] - poses.stamp[i]) / width)[:, None]
     rows = as_array(poses)
     step = rows[j] - rows[i]
-    step[:, 2] = wrap(step[:, 2])
+    step[:, 2] = wrap_angle(step[:, 2])
     value = rows[i] + w * step
-    value[:, 2] = wrap(value[:, 2])
+    value[:, 2] = wrap_angle(value[:, 2])
     covariance = poses.covariance
     if covariance is not None:
         covariance = covariance[i] + w[:, :, None] * (covariance[j] - covariance[i])
     return found, value, covariance
 
 
-def nearest(truth: Stamps, estimate: Stamps, max_diff: float) -> tuple[Indices, Indices]:
+def match_nearest(truth: Stamps, estimate: Stamps, max_diff: float) -> tuple[Indices, Indices]:
     """Pairs of indices (truth, estimate) as `evo_ape` pairs them.
 
     Each stamp of the shorter trajectory (the estimate when both are equally long) takes the
     nearest stamp of the other, the earlier one of two equally near, if it lies within `max_diff`
     seconds; one stamp may be taken twice.
     """
-    short, long = seconds(estimate), seconds(truth)
+    short, long = evo_seconds(estimate), evo_seconds(truth)
     swapped = len(short) > len(long)
     if swapped:
         short, long = long, short
@@ -109,20 +109,20 @@ def associate(
     method: Association = "interpolate",
     max_gap: float = 0.5,
     max_diff: float = 0.01,
-) -> Matched:
+) -> MatchedPoses:
     """Pair an estimate with the truth.
 
     `interpolate` brings the estimate to every truth stamp that it reaches (`max_gap`, s);
-    `nearest` pairs stamps no further apart than `max_diff` (s).
+    `match_nearest` pairs stamps no further apart than `max_diff` (s).
     """
     reference = as_array(truth)
     if method == "interpolate":
         i, value, covariance = interpolate(estimate, truth.stamp, max_gap)
     else:
-        i, j = nearest(truth.stamp, estimate.stamp, max_diff)
+        i, j = match_nearest(truth.stamp, estimate.stamp, max_diff)
         value = as_array(estimate)[j]
         covariance = None if estimate.covariance is None else estimate.covariance[j]
-    return Matched(
+    return MatchedPoses(
         stamp=truth.stamp[i],
         truth=reference[i],
         estimate=value,

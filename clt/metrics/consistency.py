@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
 from clt.core.recording import Floats
-from clt.metrics.associate import Matched
+from clt.metrics.associate import MatchedPoses
 
-DIMENSION = 3
-SINGULAR = 1e-10
+POSE_DIMENSION = 3
+MIN_CORRELATION_EIGENVALUE = 1e-10
 """Smallest eigenvalue of a correlation matrix below which it counts as singular."""
 
 
@@ -28,7 +28,7 @@ class Nees:
     """Poses left out because P is singular or indefinite."""
 
 
-def nees(matched: Matched) -> Nees | None:
+def nees(matched: MatchedPoses) -> Nees | None:
     """NEES over (x, y, heading). None without covariance or without a true heading."""
     error, covariance = matched.error, matched.covariance
     if covariance is None:
@@ -37,13 +37,13 @@ def nees(matched: Matched) -> Nees | None:
     if not np.any(known):
         return None
     error, covariance = error[known], covariance[known]
-    good = regular(covariance)
+    good = is_regular(covariance)
     e, P = error[good][:, :, None], covariance[good]
     values = (np.swapaxes(e, 1, 2) @ np.linalg.solve(P, e))[:, 0, 0]
-    return Nees(values, independent(values), int(np.sum(~good)))
+    return Nees(values, independent_samples(values), int(np.sum(~good)))
 
 
-def regular(covariance: Floats) -> NDArray[np.bool_]:
+def is_regular(covariance: Floats) -> NDArray[np.bool_]:
     """Which of the matrices (n, 3, 3) are finite and positive definite, whatever their units."""
     variance = np.diagonal(covariance, axis1=1, axis2=2)
     good = np.all(np.isfinite(covariance), axis=(1, 2)) & np.all(variance > 0.0, axis=1)
@@ -51,10 +51,10 @@ def regular(covariance: Floats) -> NDArray[np.bool_]:
     scale = sigma[:, :, None] * sigma[:, None, :]
     correlation = np.where(good[:, None, None], covariance, np.eye(3)) / scale
     smallest = np.linalg.eigvalsh(correlation)[:, 0]
-    return np.asarray(good & (smallest > SINGULAR))
+    return np.asarray(good & (smallest > MIN_CORRELATION_EIGENVALUE))
 
 
-def independent(values: Floats) -> float:
+def independent_samples(values: Floats) -> float:
     """How many independent values a correlated series (n,) is worth: n / tau.
 
     tau = 1 + 2 sum of the autocorrelations, summed in pairs while they are positive and falling
@@ -75,14 +75,14 @@ def independent(values: Floats) -> float:
     return max(n / max(tau, 1.0), 1.0)
 
 
-def interval(samples: float, dimension: int = DIMENSION) -> tuple[float, float]:
+def nees_interval(samples: float, dimension: int = POSE_DIMENSION) -> tuple[float, float]:
     """Where the mean of `samples` independent chi-square values lies with probability 0.95."""
     k = dimension * samples
     low, high = 2.0 * gammaincinv(0.5 * k, np.array([0.025, 0.975])) / samples
     return float(low), float(high)
 
 
-def inside_three_sigma(matched: Matched) -> Floats | None:
+def inside_three_sigma(matched: MatchedPoses) -> Floats | None:
     """Per component (x, y, heading): 1 inside 3 sigma, 0 outside, NaN unknown, shape (m, 3)."""
     if matched.covariance is None:
         return None

@@ -9,18 +9,18 @@ from typing import Literal
 import numpy as np
 
 from clt.core.errors import UsageError
-from clt.core.geometry import relative_pose, wrap
+from clt.core.geometry import relative_pose, wrap_angle
 from clt.core.recording import Floats, Indices
-from clt.metrics.associate import SECOND, Matched
+from clt.metrics.associate import SECOND, MatchedPoses
 
-LONGEST = 1e9
+MAX_DELTA = 1e9
 """Of a delta, s or m."""
-TOLERANCE = 0.1
+DELTA_TOLERANCE = 0.1
 """Share of delta by which the ends of an RPE pair may miss it."""
 
 
 @dataclass(frozen=True)
-class Statistics:
+class ErrorStatistics:
     """Of the absolute values of n errors; `std` is about their mean, without Bessel's term."""
 
     rmse: float
@@ -32,12 +32,12 @@ class Statistics:
     p95: float
 
 
-def statistics(errors: Floats) -> Statistics | None:
+def error_statistics(errors: Floats) -> ErrorStatistics | None:
     """Statistics of |errors|, shape (n,); NaN entries are left out. None if nothing is left."""
     e = np.abs(errors[np.isfinite(errors)])
     if len(e) == 0:
         return None
-    return Statistics(
+    return ErrorStatistics(
         rmse=float(np.sqrt(np.mean(e**2))),
         mean=float(np.mean(e)),
         median=float(np.median(e)),
@@ -66,7 +66,7 @@ def parse_delta(text: str) -> Delta:
         value = float(number)
     except ValueError:
         value = math.nan
-    if not 0.0 < value <= LONGEST:
+    if not 0.0 < value <= MAX_DELTA:
         raise UsageError(f"--delta {text}: expected seconds or metres, e.g. 1s or 5m")
     if unit == "s":
         return Delta(value, "s")
@@ -75,31 +75,31 @@ def parse_delta(text: str) -> Delta:
     raise UsageError(f"--delta {text}: expected seconds or metres, e.g. 1s or 5m")
 
 
-def position_errors(matched: Matched) -> Floats:
+def position_errors(matched: MatchedPoses) -> Floats:
     """Distance between estimate and truth, m, shape (m,)."""
     e = matched.error
     return np.hypot(e[:, 0], e[:, 1])
 
 
-def heading_errors(matched: Matched) -> Floats:
+def heading_errors(matched: MatchedPoses) -> Floats:
     """Estimated minus true heading, wrapped, rad, shape (m,)."""
     return matched.error[:, 2]
 
 
-def relative_errors(matched: Matched, delta: Delta) -> tuple[Floats, Floats]:
+def relative_errors(matched: MatchedPoses, delta: Delta) -> tuple[Floats, Floats]:
     """Errors of the motion over `delta`: translation (m) and heading (rad), shape (k,) each.
 
     The error of one pair is inv(dQ) dP, where dQ and dP are the true and the estimated motion
     between its two ends, each in the body frame of the start.
     """
-    i, j = pairs(matched, delta)
+    i, j = pairs_apart(matched, delta)
     true = relative_pose(matched.truth[i], matched.truth[j])
     estimated = relative_pose(matched.estimate[i], matched.estimate[j])
     difference = estimated[:, :2] - true[:, :2]
-    return np.hypot(*difference.T), wrap(estimated[:, 2] - true[:, 2])
+    return np.hypot(*difference.T), wrap_angle(estimated[:, 2] - true[:, 2])
 
 
-def pairs(matched: Matched, delta: Delta) -> tuple[Indices, Indices]:
+def pairs_apart(matched: MatchedPoses, delta: Delta) -> tuple[Indices, Indices]:
     """Indices of the matched poses that lie `delta` apart, to within a tenth of it."""
     if len(matched.stamp) == 0:
         return np.empty(0, np.int64), np.empty(0, np.int64)
@@ -113,5 +113,5 @@ def pairs(matched: Matched, delta: Delta) -> tuple[Indices, Indices]:
     left = np.maximum(right - 1, 0)
     j = np.where(wanted - place[left] < np.abs(place[right] - wanted), left, right)
     reached = wanted <= place[-1] + 1e-9
-    i = np.flatnonzero(reached & (np.abs(place[j] - wanted) <= TOLERANCE * delta.value))
+    i = np.flatnonzero(reached & (np.abs(place[j] - wanted) <= DELTA_TOLERANCE * delta.value))
     return i, j[i]

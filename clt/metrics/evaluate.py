@@ -7,16 +7,16 @@ from dataclasses import replace
 
 from clt.core.errors import CltError
 from clt.core.recording import Poses, Recording, Team
-from clt.metrics.align import Align, Transform
-from clt.metrics.associate import Matched, associate
-from clt.metrics.doubts import diverged, doubts, missing
+from clt.metrics.align import AlignMethod, Transform
+from clt.metrics.associate import MatchedPoses, associate
+from clt.metrics.doubts import divergence_warnings, missing_data_warnings, score_warnings
 from clt.metrics.errors import Delta
-from clt.metrics.evaluation import EvaluateOptions, Evaluation, Side
+from clt.metrics.evaluation import EstimateScores, EvaluateOptions, Evaluation
 from clt.metrics.pairs import all_nis, pair_nis
-from clt.metrics.register import Scene, choose, mirrors, register
-from clt.metrics.scores import score
-from clt.metrics.tracks import check_frames, clean, frame_of, in_frame
-from clt.metrics.warned import Warned
+from clt.metrics.register import AlignmentInput, choose_alignment, find_mirrored, register
+from clt.metrics.scores import score_tracks
+from clt.metrics.tracks import check_frames, clean_tracks, frames_text, tracks_in_frames
+from clt.metrics.warned import EvaluationWarning
 
 
 def evaluate(recording: Recording, options: EvaluateOptions | None = None) -> Evaluation:
@@ -26,26 +26,26 @@ def evaluate(recording: Recording, options: EvaluateOptions | None = None) -> Ev
     """
     options = EvaluateOptions() if options is None else options
     names = recording.team.names
-    truth, warnings = clean(recording.truth, "truth", headless=True)
-    estimates, unusable = clean(recording.estimate, "estimate")
-    reckoned, lost = clean(recording.dead_reckoning, "dead reckoning")
+    truth, warnings = clean_tracks(recording.truth, "truth", headless=True)
+    estimates, unusable = clean_tracks(recording.estimate, "estimate")
+    reckoned, lost = clean_tracks(recording.dead_reckoning, "dead reckoning")
     _require(recording, truth, estimates)
     relative = check_frames(recording.team, truth, estimates)
-    targets = in_frame(truth, estimates, names, options.max_gap)
+    targets = tracks_in_frames(truth, estimates, names, options.max_gap)
     matched = _matched(targets, estimates, options)
     if len(matched) == 0:
         raise CltError(_no_match(targets, options))
 
-    frame, truth_frame = frame_of(estimates), frame_of(truth)
-    scene = Scene(recording.team, frame, relative, truth, matched)
-    align = choose(scene, truth_frame, options.align)
+    frame, truth_frame = frames_text(estimates), frames_text(truth)
+    scene = AlignmentInput(recording.team, frame, relative, truth, matched)
+    align = choose_alignment(scene, truth_frame, options.align)
     transforms = register(scene, matched, align)
     estimate = _side(recording.team, matched, transforms, options.delta, relative)
-    reckoned = in_frame(reckoned, estimates, names, options.max_gap)
+    reckoned = tracks_in_frames(reckoned, estimates, names, options.max_gap)
     baseline = _matched(targets, reckoned, options)
     own, unaligned = _baseline(scene, baseline, align, transforms)
     dead_reckoning = _side(recording.team, baseline, own, options.delta, relative)
-    mirror = mirrors(scene)
+    mirror = find_mirrored(scene)
     innovations = recording.innovations
     return Evaluation(
         frame=frame,
@@ -66,9 +66,11 @@ def evaluate(recording: Recording, options: EvaluateOptions | None = None) -> Ev
             *unusable,
             *lost,
             *unaligned,
-            *missing(recording.team, truth, estimates, targets),
-            *doubts([name for name in estimates if name in targets], estimate, recording.team),
-            *diverged(estimate, dead_reckoning),
+            *missing_data_warnings(recording.team, truth, estimates, targets),
+            *score_warnings(
+                [name for name in estimates if name in targets], estimate, recording.team
+            ),
+            *divergence_warnings(estimate, dead_reckoning),
             *([] if mirror is None else [mirror]),
         ),
     )
@@ -92,7 +94,7 @@ def _require(
 
 def _matched(
     truth: Mapping[str, Poses], tracks: Mapping[str, Poses], options: EvaluateOptions
-) -> dict[str, Matched]:
+) -> dict[str, MatchedPoses]:
     """The robots with at least one pair."""
     pairs = {
         name: associate(truth[name], track, options.associate, options.max_gap, options.max_diff)
@@ -115,25 +117,25 @@ def _no_match(truth: Mapping[str, Poses], options: EvaluateOptions) -> str:
 
 def _side(
     team: Team,
-    tracks: Mapping[str, Matched],
+    tracks: Mapping[str, MatchedPoses],
     transforms: Mapping[str, Transform],
     delta: Delta,
     relative: bool,
-) -> Side:
-    aligned = {name: transformed(m, transforms[name]) for name, m in tracks.items()}
-    scores = {name: score([m], delta) for name, m in aligned.items()}
+) -> EstimateScores:
+    aligned = {name: transform_matched(m, transforms[name]) for name, m in tracks.items()}
+    scores = {name: score_tracks([m], delta) for name, m in aligned.items()}
     moving = [aligned[robot.name] for robot in team.moving if robot.name in aligned]
     if relative and len(moving) == 0:  # what stands still moves all the same in a body frame
         moving = list(aligned.values())
-    return Side(
+    return EstimateScores(
         tracks=aligned,
         transforms={name: transforms[name] for name in aligned},
         scores={name: figures for name, figures in scores.items() if figures is not None},
-        team=score(moving, delta),
+        team=score_tracks(moving, delta),
     )
 
 
-def transformed(matched: Matched, transform: Transform) -> Matched:
+def transform_matched(matched: MatchedPoses, transform: Transform) -> MatchedPoses:
     """Estimates and their covariances brought into the truth's frame."""
     covariance = matched.covariance
     return replace(
@@ -144,15 +146,15 @@ def transformed(matched: Matched, transform: Transform) -> Matched:
 
 
 def _baseline(
-    scene: Scene,
-    tracks: Mapping[str, Matched],
-    align: Align,
+    scene: AlignmentInput,
+    tracks: Mapping[str, MatchedPoses],
+    align: AlignMethod,
     transforms: Mapping[str, Transform],
-) -> tuple[Mapping[str, Transform], list[Warned]]:
+) -> tuple[Mapping[str, Transform], list[EvaluationWarning]]:
     """Transforms of dead reckoning: by the same rule, else the estimate's (they share a frame)."""
     try:
         return register(scene, tracks, align), []
     except CltError as error:
         text = f"dead reckoning cannot be aligned by itself ({error}); aligned as the estimate is"
         shared = next(iter(transforms.values()))
-        return {name: transforms.get(name, shared) for name in tracks}, [Warned(text)]
+        return {name: transforms.get(name, shared) for name in tracks}, [EvaluationWarning(text)]

@@ -6,34 +6,34 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from clt.metrics.align import Align, Transform
-from clt.metrics.associate import Association, Matched
+from clt.metrics.align import AlignMethod, Transform
+from clt.metrics.associate import Association, MatchedPoses
 from clt.metrics.errors import Delta
 from clt.metrics.pairs import PairNis
 from clt.metrics.scores import Score
-from clt.metrics.warned import Warned
+from clt.metrics.warned import EvaluationWarning
 
 
 @dataclass(frozen=True)
 class EvaluateOptions:
     """How estimates are compared with the truth."""
 
-    align: Align | None = None
-    """None: by the frames, see `clt.metrics.register.choose`."""
+    align: AlignMethod | None = None
+    """None: by the frames, see `clt.metrics.register.choose_alignment`."""
     associate: Association = "interpolate"
     max_gap: float = 0.5
     """Longest gap of an estimate that is interpolated across, s."""
     max_diff: float = 0.01
-    """Furthest that paired stamps may lie apart with `nearest`, s."""
+    """Furthest that paired stamps may lie apart with `match_nearest`, s."""
     delta: Delta = field(default_factory=lambda: Delta(1.0, "s"))
     """Of the relative error."""
 
 
 @dataclass(frozen=True)
-class Side:
+class EstimateScores:
     """One kind of estimate of the whole team: the filter's, or dead reckoning."""
 
-    tracks: Mapping[str, Matched]
+    tracks: Mapping[str, MatchedPoses]
     """Aligned, by robot."""
     transforms: Mapping[str, Transform]
     scores: Mapping[str, Score]
@@ -52,16 +52,16 @@ class Evaluation:
     frames: Mapping[str, str]
     """The frame of each robot's estimates."""
     filter: str | None
-    align: Align
+    align: AlignMethod
     options: EvaluateOptions
-    estimate: Side
-    dead_reckoning: Side
+    estimate: EstimateScores
+    dead_reckoning: EstimateScores
     unscored: tuple[str, ...]
     """Robots with an estimate but without truth."""
     pairs: Mapping[str, PairNis]
     all_pairs: PairNis | None
     mirror: bool
-    warnings: tuple[Warned, ...]
+    warnings: tuple[EvaluationWarning, ...]
 
     def label(self, name: str) -> str:
         """A robot for people: its name, with the body it is seen from where these differ."""
@@ -113,7 +113,7 @@ def _dict(figures: Score | None) -> dict[str, Any] | None:
     return None if figures is None else figures.as_dict()
 
 
-def _transforms(side: Side, align: Align) -> dict[str, Any] | None:
+def _transforms(side: EstimateScores, align: AlignMethod) -> dict[str, Any] | None:
     """The transform that was used, by robot where each has its own."""
     if align == "se2-per-robot":
         return {name: asdict(transform) for name, transform in side.transforms.items()}

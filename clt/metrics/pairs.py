@@ -11,18 +11,18 @@ from scipy.special import ndtri
 from clt.core.recording import Indices, Innovations, Team
 from clt.metrics.residuals import (
     PairResiduals,
+    correlation_score,
     nis_score,
     offset_score,
     pair_residuals,
-    repeat_score,
 )
 
-BY_CHANCE = 1e-3
+SIGNIFICANCE_LEVEL = 1e-3
 """Probability that a filter which knows its sensors shows anything significant in a log."""
-SLIGHT = 0.05
+NEGLIGIBLE_EFFECT = 0.05
 """Means and correlations below this share of the standard deviation and variance, and a mean NIS so
 little above 1, are no matter however significant they are."""
-OFTEN = 0.02
+MAX_REJECTED_SHARE = 0.02
 """Share of rejected ranges that needs a word."""
 
 
@@ -55,16 +55,16 @@ def pair_nis(innovations: Innovations, team: Team) -> Mapping[str, PairNis]:
     high = np.maximum(innovations.source, innovations.target)
     return {
         f"{names[k // n]}-{names[k % n]}": figures
-        for k, figures in grouped(innovations, low * n + high).items()
+        for k, figures in nis_by_key(innovations, low * n + high).items()
     }
 
 
 def all_nis(innovations: Innovations) -> PairNis | None:
     """The same over all pairs. None without innovations."""
-    return grouped(innovations, np.zeros_like(innovations.source)).get(0)
+    return nis_by_key(innovations, np.zeros_like(innovations.source)).get(0)
 
 
-def grouped(innovations: Innovations, key: Indices) -> dict[int, PairNis]:
+def nis_by_key(innovations: Innovations, key: Indices) -> dict[int, PairNis]:
     """Figures of the innovations that share a key (n,)."""
     accepted = innovations.accepted & np.isfinite(innovations.nis)
     table = pair_residuals(key, innovations.residual, innovations.sigma, accepted)
@@ -73,35 +73,36 @@ def grouped(innovations: Innovations, key: Indices) -> dict[int, PairNis]:
     refused = np.bincount(where[~innovations.accepted], minlength=size)
     used = np.bincount(where[accepted], minlength=size)
     total = np.bincount(where[accepted], innovations.nis[accepted], size)
-    marks = significant(table, refused)
+    marks = significance_marks(table, refused)
     return {
         int(pair): PairNis(
             count=int(table.total[i]),
             rejected=float(refused[i] / table.total[i]),
-            nis=number(total[i] / used[i]) if used[i] > 0 else None,
-            mean=number(table.mean[i]),
-            std=number(table.std[i]),
-            autocorrelation=number(table.autocorrelation[i]),
+            nis=finite_or_none(total[i] / used[i]) if used[i] > 0 else None,
+            mean=finite_or_none(table.mean[i]),
+            std=finite_or_none(table.std[i]),
+            autocorrelation=finite_or_none(table.autocorrelation[i]),
             significant=tuple(name for name, mark in marks.items() if mark[i]),
         )
         for i, pair in enumerate(table.pair)
     }
 
 
-def number(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
     """A number for JSON; None for what is none."""
     return float(value) if np.isfinite(value) else None
 
 
-def significant(table: PairResiduals, refused: Indices) -> dict[str, Indices]:
+def significance_marks(table: PairResiduals, refused: Indices) -> dict[str, Indices]:
     """Which figures of each pair (P,) are neither chance nor slight."""
-    limit = -float(ndtri(BY_CHANCE / (8.0 * max(table.pair.size, 1))))
+    limit = -float(ndtri(SIGNIFICANCE_LEVEL / (8.0 * max(table.pair.size, 1))))
     with np.errstate(invalid="ignore"):
         marks = {
-            "rejected": refused > OFTEN * table.total,
-            "nis": (nis_score(table) > limit) & (table.nis > 1.0 + SLIGHT),
-            "mean": (np.abs(offset_score(table)) > limit) & (np.abs(table.offset) > SLIGHT),
-            "autocorrelation": (np.abs(repeat_score(table)) > limit)
-            & (np.abs(table.repeat) > SLIGHT),
+            "rejected": refused > MAX_REJECTED_SHARE * table.total,
+            "nis": (nis_score(table) > limit) & (table.nis > 1.0 + NEGLIGIBLE_EFFECT),
+            "mean": (np.abs(offset_score(table)) > limit)
+            & (np.abs(table.offset) > NEGLIGIBLE_EFFECT),
+            "autocorrelation": (np.abs(correlation_score(table)) > limit)
+            & (np.abs(table.repeat) > NEGLIGIBLE_EFFECT),
         }
     return {name: mark.astype(np.int64) for name, mark in marks.items()}

@@ -1,8 +1,8 @@
 """Which transform brings a team's estimates into the truth's frame, and whether they are mirrored.
 
 Joint alignments are one transform for the whole team. `se2` is fitted to all matched positions of
-all estimated robots, moving and static; `anchors` to one point per static robot, its mean
-estimate or else its known position; `first` to one pose. Relative estimates are never aligned.
+all estimated robots, moving and static; `anchor_positions` to one point per static robot, its mean
+estimate or else its known position; `transform_of_pose` to one pose. Relative estimates are never aligned.
 """
 
 from __future__ import annotations
@@ -14,16 +14,23 @@ import numpy as np
 
 from clt.core.errors import CltError, UsageError
 from clt.core.recording import Floats, Poses, Team
-from clt.metrics.align import Align, Transform, first, fit, flipped, mirrored
-from clt.metrics.associate import Matched
-from clt.metrics.warned import Warned
+from clt.metrics.align import (
+    AlignMethod,
+    Transform,
+    fit_transform,
+    fits_better_mirrored,
+    nearer_when_flipped,
+    transform_of_pose,
+)
+from clt.metrics.associate import MatchedPoses
+from clt.metrics.warned import EvaluationWarning
 
-FEW = 10
+MIN_MIRROR_POSES = 10
 """With fewer matched poses, chance alone may favour the mirror image."""
 
 
 @dataclass(frozen=True)
-class Scene:
+class AlignmentInput:
     """What an alignment can see."""
 
     team: Team
@@ -32,11 +39,11 @@ class Scene:
     relative: bool
     """They stand in the bodies of robots."""
     truth: Mapping[str, Poses]
-    matched: Mapping[str, Matched]
+    matched: Mapping[str, MatchedPoses]
     """Estimates, not aligned."""
 
 
-def known_anchors(scene: Scene) -> dict[str, tuple[Floats, Floats]]:
+def known_anchors(scene: AlignmentInput) -> dict[str, tuple[Floats, Floats]]:
     """Static robots with truth that are not estimated: known and true position (2,) of each."""
     if scene.relative or scene.frame != scene.team.frame:
         return {}
@@ -48,7 +55,7 @@ def known_anchors(scene: Scene) -> dict[str, tuple[Floats, Floats]]:
     }
 
 
-def anchors(scene: Scene) -> tuple[Floats, Floats]:
+def anchor_positions(scene: AlignmentInput) -> tuple[Floats, Floats]:
     """Estimated (or known) and true positions of the static robots, shape (k, 2) each."""
     found = known_anchors(scene)
     for robot in scene.team.static:
@@ -60,10 +67,12 @@ def anchors(scene: Scene) -> tuple[Floats, Floats]:
     return source, target
 
 
-def choose(scene: Scene, truth_frame: str, wanted: Align | None) -> Align:
+def choose_alignment(
+    scene: AlignmentInput, truth_frame: str, wanted: AlignMethod | None
+) -> AlignMethod:
     """The alignment to use.
 
-    By default `none` when the frames are one, else `anchors` with two static robots that have
+    By default `none` when the frames are one, else `anchor_positions` with two static robots that have
     truth, else `se2`. Raises UsageError for an alignment of relative estimates.
     """
     if scene.relative:
@@ -76,10 +85,12 @@ def choose(scene: Scene, truth_frame: str, wanted: Align | None) -> Align:
         return wanted
     if scene.frame == truth_frame:
         return "none"
-    return "anchors" if len(anchors(scene)[0]) >= 2 else "se2"
+    return "anchors" if len(anchor_positions(scene)[0]) >= 2 else "se2"
 
 
-def register(scene: Scene, tracks: Mapping[str, Matched], align: Align) -> dict[str, Transform]:
+def register(
+    scene: AlignmentInput, tracks: Mapping[str, MatchedPoses], align: AlignMethod
+) -> dict[str, Transform]:
     """The transform of every robot in `tracks`. Raises CltError where none can be found."""
     if align == "se2-per-robot":
         return _each(tracks)
@@ -90,57 +101,57 @@ def register(scene: Scene, tracks: Mapping[str, Matched], align: Align) -> dict[
     elif align == "anchors":
         shared = _by_anchors(scene)
     else:
-        shared = fit(*_positions(tracks))
+        shared = fit_transform(*_positions(tracks))
     return dict.fromkeys(tracks, shared)
 
 
-def _each(tracks: Mapping[str, Matched]) -> dict[str, Transform]:
+def _each(tracks: Mapping[str, MatchedPoses]) -> dict[str, Transform]:
     """Each robot fitted by itself; one that stands still takes the joint fit."""
     transforms: dict[str, Transform] = {}
     for name, m in tracks.items():
         try:
-            transforms[name] = fit(m.estimate[:, :2], m.truth[:, :2])
+            transforms[name] = fit_transform(m.estimate[:, :2], m.truth[:, :2])
         except CltError:
-            transforms[name] = fit(*_positions(tracks))
+            transforms[name] = fit_transform(*_positions(tracks))
     return transforms
 
 
-def _first(team: Team, tracks: Mapping[str, Matched]) -> Transform:
+def _first(team: Team, tracks: Mapping[str, MatchedPoses]) -> Transform:
     """By the first matched pose with heading of the first robot, moving ones before static."""
     for robot in (*team.moving, *team.static):
         if robot.name in tracks:
             m = tracks[robot.name]
             known = np.flatnonzero(np.isfinite(m.error[:, 2]))
             if len(known) > 0:
-                return first(m.estimate[known[0]], m.truth[known[0]])
+                return transform_of_pose(m.estimate[known[0]], m.truth[known[0]])
     raise CltError("--align first needs a matched pose with heading; use --align se2")
 
 
-def _by_anchors(scene: Scene) -> Transform:
-    source, target = anchors(scene)
+def _by_anchors(scene: AlignmentInput) -> Transform:
+    source, target = anchor_positions(scene)
     if len(source) < 2:
         raise CltError(
             f"--align anchors needs two static robots with truth and position, found {len(source)};"
             " use --align se2"
         )
-    return fit(source, target)
+    return fit_transform(source, target)
 
 
-def _positions(tracks: Mapping[str, Matched]) -> tuple[Floats, Floats]:
+def _positions(tracks: Mapping[str, MatchedPoses]) -> tuple[Floats, Floats]:
     """All estimated and true positions, shape (n, 2) each."""
     source = np.concatenate([m.estimate[:, :2] for m in tracks.values()])
     target = np.concatenate([m.truth[:, :2] for m in tracks.values()])
     return source, target
 
 
-def mirrors(scene: Scene) -> Warned | None:
+def find_mirrored(scene: AlignmentInput) -> EvaluationWarning | None:
     """Name what fits clearly better mirrored: the whole team, else single robots.
 
     Static robots of known position take part with the weight of a whole track: they unmask a
     robot that was mirrored on the line through them even if it drove along a straight line.
     Relative estimates are mirrored on the x axis of the ego's body, as they stand.
     """
-    moving = {name: m for name, m in scene.matched.items() if len(m.stamp) >= FEW}
+    moving = {name: m for name, m in scene.matched.items() if len(m.stamp) >= MIN_MIRROR_POSES}
     if len(moving) == 0:
         return None
     if _is_mirrored(scene, moving):
@@ -152,19 +163,19 @@ def mirrors(scene: Scene) -> Warned | None:
         subject = ", ".join(names)
         verb = "it is" if len(names) == 1 else "they are"
     text = f"the mirror image of {subject} fits the truth clearly better: {verb} mirrored"
-    return Warned(text, partial=True)
+    return EvaluationWarning(text, partial=True)
 
 
-def _is_mirrored(scene: Scene, tracks: Mapping[str, Matched]) -> bool:
+def _is_mirrored(scene: AlignmentInput, tracks: Mapping[str, MatchedPoses]) -> bool:
     source, target = _positions(tracks)
     if scene.relative:
-        return flipped(source, target)
+        return nearer_when_flipped(source, target)
     fixed = list(known_anchors(scene).values())
     weight = np.ones(len(source) + len(fixed))
     weight[len(source) :] = len(source) / len(tracks)
     source = np.concatenate([source, *(known[None] for known, _ in fixed)])
     target = np.concatenate([target, *(true[None] for _, true in fixed)])
-    return mirrored(source, target, weight)
+    return fits_better_mirrored(source, target, weight)
 
 
 def _centre(poses: Poses) -> Floats:

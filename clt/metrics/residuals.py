@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from clt.core.recording import Floats, Indices
 
-LEAST = 8
+MIN_SCORED_RANGES = 8
 """Fewer ranges of a pair than this show nothing."""
 
 
@@ -79,19 +79,19 @@ def pair_residuals(
 
 def offset_score(table: PairResiduals, worth: Floats | float = 1.0) -> Floats:
     """Mean residual in standard errors, (P,); each range is worth `worth` independent ones."""
-    return scored(table.offset * np.sqrt(table.accepted * worth), table)
+    return valid_scores(table.offset * np.sqrt(table.accepted * worth), table)
 
 
-def repeat_score(table: PairResiduals) -> Floats:
+def correlation_score(table: PairResiduals) -> Floats:
     """Correlation in time in standard errors, shape (P,)."""
-    return scored(table.repeat * np.sqrt(np.maximum(table.accepted - 1, 0)), table)
+    return valid_scores(table.repeat * np.sqrt(np.maximum(table.accepted - 1, 0)), table)
 
 
 def nis_score(table: PairResiduals, worth: Floats | float = 1.0) -> Floats:
     """Mean NIS above 1 in standard errors (of a chi-square mean), shape (P,)."""
-    return scored((table.nis - 1.0) * np.sqrt(0.5 * table.accepted * worth), table)
+    return valid_scores((table.nis - 1.0) * np.sqrt(0.5 * table.accepted * worth), table)
 
 
-def scored(score: Floats, table: PairResiduals) -> Floats:
+def valid_scores(score: Floats, table: PairResiduals) -> Floats:
     """A score, 0 where a pair has too few ranges or no number."""
-    return np.where((table.accepted >= LEAST) & np.isfinite(score), score, 0.0)
+    return np.where((table.accepted >= MIN_SCORED_RANGES) & np.isfinite(score), score, 0.0)

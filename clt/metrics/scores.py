@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from clt.core.recording import Floats
-from clt.metrics.associate import Matched
-from clt.metrics.consistency import inside_three_sigma, interval, nees
+from clt.metrics.associate import MatchedPoses
+from clt.metrics.consistency import inside_three_sigma, nees, nees_interval
 from clt.metrics.errors import (
     Delta,
-    Statistics,
+    ErrorStatistics,
+    error_statistics,
     heading_errors,
     position_errors,
     relative_errors,
-    statistics,
 )
 
 
@@ -27,9 +27,9 @@ class Rpe:
 
     delta: Delta
     pairs: int
-    translation: Statistics
+    translation: ErrorStatistics
     """m."""
-    heading: Statistics
+    heading: ErrorStatistics
     """rad."""
 
 
@@ -48,9 +48,9 @@ class Anees:
 class Score:
     """How good one trajectory is, or several pooled. None: cannot be told."""
 
-    ape: Statistics
+    ape: ErrorStatistics
     """m; in a body frame the error of the relative position."""
-    heading: Statistics | None
+    heading: ErrorStatistics | None
     """rad."""
     rpe: Rpe | None
     anees: Anees | None
@@ -87,9 +87,9 @@ class Score:
         }
 
 
-def score(tracks: Sequence[Matched], delta: Delta) -> Score | None:
+def score_tracks(tracks: Sequence[MatchedPoses], delta: Delta) -> Score | None:
     """Figures of matched trajectories, pooled over all their poses. None without any pair."""
-    ape = statistics(_joined([position_errors(m) for m in tracks]))
+    ape = error_statistics(_joined([position_errors(m) for m in tracks]))
     if ape is None:
         return None
     ellipses = [value for value in map(nees, tracks) if value is not None]
@@ -97,11 +97,11 @@ def score(tracks: Sequence[Matched], delta: Delta) -> Score | None:
     anees = None
     if len(values) > 0:
         samples = sum(e.samples for e in ellipses if len(e.values) > 0)
-        anees = Anees(float(np.mean(values)), interval(samples), samples)
+        anees = Anees(float(np.mean(values)), nees_interval(samples), samples)
     total = sum(m.total for m in tracks)
     return Score(
         ape=ape,
-        heading=statistics(_joined([heading_errors(m) for m in tracks])),
+        heading=error_statistics(_joined([heading_errors(m) for m in tracks])),
         rpe=_rpe(tracks, delta),
         anees=anees,
         inside=_inside(tracks),
@@ -115,16 +115,19 @@ def _joined(parts: Sequence[Floats]) -> Floats:
     return np.concatenate(parts) if len(parts) > 0 else np.empty(0)
 
 
-def _rpe(tracks: Sequence[Matched], delta: Delta) -> Rpe | None:
+def _rpe(tracks: Sequence[MatchedPoses], delta: Delta) -> Rpe | None:
     parts = [relative_errors(m, delta) for m in tracks]
     translation = _joined([part[0] for part in parts])
-    length, turn = statistics(translation), statistics(_joined([part[1] for part in parts]))
+    length, turn = (
+        error_statistics(translation),
+        error_statistics(_joined([part[1] for part in parts])),
+    )
     if length is None or turn is None:
         return None
     return Rpe(delta, int(np.sum(np.isfinite(translation))), length, turn)
 
 
-def _inside(tracks: Sequence[Matched]) -> dict[str, float] | None:
+def _inside(tracks: Sequence[MatchedPoses]) -> dict[str, float] | None:
     rows = [inside for inside in map(inside_three_sigma, tracks) if inside is not None]
     if len(rows) == 0:
         return None

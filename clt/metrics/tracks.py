@@ -9,26 +9,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.core.errors import CltError
-from clt.core.geometry import relative_pose, unknown_heading
+from clt.core.geometry import is_heading_unknown, relative_pose
 from clt.core.recording import Poses, Team
 from clt.metrics.associate import as_array, interpolate
-from clt.metrics.warned import Warned
+from clt.metrics.warned import EvaluationWarning
 
-BODY = "/base_link"
+BODY_SUFFIX = "/base_link"
 
 
-def is_body(frame: str) -> bool:
+def is_body_frame(frame: str) -> bool:
     """Whether a frame is the body of some robot, of the team or not."""
-    return f"/{frame}".endswith(BODY)
+    return f"/{frame}".endswith(BODY_SUFFIX)
 
 
-def ego_of(frame: str, names: tuple[str, ...]) -> str | None:
+def ego_of_frame(frame: str, names: tuple[str, ...]) -> str | None:
     """The robot in whose body frame an estimate stands; None for a fixed frame."""
-    name = frame.lstrip("/").removesuffix(BODY)
-    return name if is_body(frame) and name in names else None
+    name = frame.lstrip("/").removesuffix(BODY_SUFFIX)
+    return name if is_body_frame(frame) and name in names else None
 
 
-def select(poses: Poses, keep: NDArray[np.bool_]) -> Poses:
+def select_poses(poses: Poses, keep: NDArray[np.bool_]) -> Poses:
     """The poses of a trajectory where `keep` (n,) holds."""
     return replace(
         poses,
@@ -41,16 +41,16 @@ def select(poses: Poses, keep: NDArray[np.bool_]) -> Poses:
     )
 
 
-def clean(
+def clean_tracks(
     tracks: Mapping[str, Poses], what: str, headless: bool = False
-) -> tuple[dict[str, Poses], list[Warned]]:
+) -> tuple[dict[str, Poses], list[EvaluationWarning]]:
     """Leave out poses with a NaN or infinite number, counted in warnings.
 
     A track without any heading keeps its positions; so does, with `headless`, every pose whose
     heading alone is missing. A covariance that is not finite throughout is dropped.
     """
     kept: dict[str, Poses] = {}
-    warnings: list[Warned] = []
+    warnings: list[EvaluationWarning] = []
     for name, poses in tracks.items():
         good = np.isfinite(poses.x) & np.isfinite(poses.y)
         if not headless and not np.all(np.isnan(poses.heading)):
@@ -58,30 +58,32 @@ def clean(
         bad = int(np.sum(~good))
         if bad > 0:
             text = f"{name}: {bad} of {len(good)} poses of the {what} are not finite, left out"
-            warnings.append(Warned(text, partial=True))
-        track = headed(select(poses, good))
+            warnings.append(EvaluationWarning(text, partial=True))
+        track = drop_unknown_heading(select_poses(poses, good))
         if track.covariance is not None and not np.all(np.isfinite(track.covariance)):
-            warnings.append(Warned(f"{name}: the covariance of the {what} is not finite, not used"))
+            warnings.append(
+                EvaluationWarning(f"{name}: the covariance of the {what} is not finite, not used")
+            )
             track = replace(track, covariance=None)
         if len(track.stamp) > 0:
             kept[name] = track
     return kept, warnings
 
 
-def headed(track: Poses) -> Poses:
+def drop_unknown_heading(track: Poses) -> Poses:
     """A track; without heading where it says itself that nothing is known of that."""
     P = track.covariance
-    if P is None or len(P) == 0 or not np.all(unknown_heading(P[:, 2, 2])):
+    if P is None or len(P) == 0 or not np.all(is_heading_unknown(P[:, 2, 2])):
         return track
     return replace(track, heading=np.full(len(P), np.nan))
 
 
-def relative(ego: Poses, other: Poses, frame: str, max_gap: float) -> Poses:
+def relative_poses(ego: Poses, other: Poses, frame: str, max_gap: float) -> Poses:
     """inv(X_i) X_j at the stamps of the sparser track, with the other interpolated (`max_gap`, s).
 
     Poses of the ego without heading are no body frame and left out.
     """
-    ego = select(ego, np.isfinite(ego.heading))
+    ego = select_poses(ego, np.isfinite(ego.heading))
     base, dense = (ego, other) if len(ego.stamp) < len(other.stamp) else (other, ego)
     found, between, _ = interpolate(dense, base.stamp, max_gap)
     at = as_array(base)[found]
@@ -90,7 +92,7 @@ def relative(ego: Poses, other: Poses, frame: str, max_gap: float) -> Poses:
     return Poses(frame, base.stamp[found], base.log_time[found], x, y, heading)
 
 
-def in_frame(
+def tracks_in_frames(
     tracks: Mapping[str, Poses], targets: Mapping[str, Poses], names: tuple[str, ...], gap: float
 ) -> dict[str, Poses]:
     """The tracks of the robots in `targets`, each brought into its target's body frame.
@@ -100,38 +102,44 @@ def in_frame(
     """
     found: dict[str, Poses] = {}
     for name, target in targets.items():
-        ego = ego_of(target.frame, names)
+        ego = ego_of_frame(target.frame, names)
         track = tracks.get(name)
         if track is None:
             continue
         if ego is None or track.frame.lstrip("/") == target.frame.lstrip("/"):
             found[name] = track
-        elif ego in tracks and not is_body(track.frame) and not is_body(tracks[ego].frame):
-            moved = relative(tracks[ego], track, target.frame, gap)
+        elif (
+            ego in tracks
+            and not is_body_frame(track.frame)
+            and not is_body_frame(tracks[ego].frame)
+        ):
+            moved = relative_poses(tracks[ego], track, target.frame, gap)
             if len(moved.stamp) > 0:
                 found[name] = moved
     return found
 
 
-def frame_of(tracks: Mapping[str, Poses]) -> str:
+def frames_text(tracks: Mapping[str, Poses]) -> str:
     """The frame id that tracks share, or all of them with commas."""
     return ", ".join(dict.fromkeys(track.frame.lstrip("/") for track in tracks.values()))
 
 
 def check_frames(team: Team, truth: Mapping[str, Poses], estimates: Mapping[str, Poses]) -> bool:
     """Whether the estimates are relative. Raises CltError where they cannot be scored together."""
-    egos = {ego_of(track.frame, team.names) for track in estimates.values()}
+    egos = {ego_of_frame(track.frame, team.names) for track in estimates.values()}
     fixed = {track.frame.lstrip("/") for track in estimates.values()}
-    strange = sorted(frame for frame in fixed if is_body(frame) and not ego_of(frame, team.names))
+    strange = sorted(
+        frame for frame in fixed if is_body_frame(frame) and not ego_of_frame(frame, team.names)
+    )
     if len(strange) > 0:
         raise CltError(f"no robot of the team has the body `{strange[0]}` that estimates stand in")
     if egos == {None}:
         if len(fixed) > 1:
-            raise CltError(f"estimates stand in several frames ({frame_of(estimates)})")
+            raise CltError(f"estimates stand in several frames ({frames_text(estimates)})")
         return False
     if None in egos:
         raise CltError(
-            f"estimates stand in fixed and in body frames ({frame_of(estimates)}); "
+            f"estimates stand in fixed and in body frames ({frames_text(estimates)}); "
             "localize again with one --frame"
         )
     for ego in sorted(ego for ego in egos if ego is not None):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Warned:
+class EvaluationWarning:
     """Something a user must know about an evaluation."""
 
     text: str

@@ -10,14 +10,14 @@ import numpy as np
 from clt.core.recording import Indices, Stamps
 from clt.model.inputs import RangeTable
 
-LEAST_STEP, MOST_STEP = 20_000_000, 100_000_000
+MIN_EPOCH_STEP_NS, MAX_EPOCH_STEP_NS = 20_000_000, 100_000_000
 """Between two epochs, ns."""
-MOST_SILENT = 100
+MAX_SILENT_EPOCHS = 100
 """So many epochs follow one another while nothing arrives."""
 
 
 @dataclass(frozen=True)
-class Feed:
+class ArrivalOrder:
     """Messages in the order of their stamps, and in which order they came."""
 
     stamp: Stamps
@@ -38,18 +38,18 @@ class Feed:
         return self.order[self.count(before) : self.count(now)]
 
 
-def feed(stamp: Stamps, log_time: Stamps) -> Feed:
+def arrival_order(stamp: Stamps, log_time: Stamps) -> ArrivalOrder:
     """Lay out messages that are sorted by stamp."""
     order = np.argsort(log_time, kind="stable")
-    return Feed(stamp, log_time, log_time[order], order, np.maximum.accumulate(order))
+    return ArrivalOrder(stamp, log_time, log_time[order], order, np.maximum.accumulate(order))
 
 
-def weighed_on_arrival(
+def inflate_by_arrived_ranges(
     table: RangeTable, log_time: Stamps, pair: Indices, tau: float
 ) -> RangeTable:
     """The table with each weight by the range of its pair that came before it and was known.
 
-    As `inputs.correlated_variance` for an error of correlation time tau (s), which also looks at
+    As `inputs.inflated_variances` for an error of correlation time tau (s), which also looks at
     what came later.
     """
     if tau <= 0.0 or table.stamp.size == 0:
@@ -69,23 +69,23 @@ def weighed_on_arrival(
     return table._replace(weight_variance=weight_variance)
 
 
-def epochs(arrival: Stamps, start: int, end: int, others: Sequence[Stamps] = ()) -> Stamps:
+def replay_epochs(arrival: Stamps, start: int, end: int, others: Sequence[Stamps] = ()) -> Stamps:
     """When estimates are made from `start` to `end` (ns): at a robot's arriving odometry.
 
-    At most every LEAST_STEP, and when nothing arrives, every MOST_STEP. Once nothing of `others`
-    has arrived either for MOST_SILENT such steps, the next one leads to what comes then: a pause
+    At most every MIN_EPOCH_STEP_NS, and when nothing arrives, every MAX_EPOCH_STEP_NS. Once nothing of `others`
+    has arrived either for MAX_SILENT_EPOCHS such steps, the next one leads to what comes then: a pause
     costs no more for being long.
     """
     anything = np.sort(np.concatenate([arrival, *others]))
     times, silent = [start], 0
     while times[-1] < end:
         now = times[-1]
-        following = int(np.searchsorted(arrival, now + LEAST_STEP))
-        latest = min(now + MOST_STEP, end)
+        following = int(np.searchsorted(arrival, now + MIN_EPOCH_STEP_NS))
+        latest = min(now + MAX_EPOCH_STEP_NS, end)
         came = int(np.searchsorted(anything, now, "right"))
         later = int(anything[came]) if came < anything.size else end
         silent = silent + 1 if later > latest else 0
-        if silent > MOST_SILENT:
+        if silent > MAX_SILENT_EPOCHS:
             latest = min(later, end)
         times.append(min(int(arrival[following]), latest) if following < arrival.size else latest)
     return np.array(times, np.int64)

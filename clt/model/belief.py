@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.geometry import unknown_heading, wrap
+from clt.core.geometry import is_heading_unknown, wrap_angle
 from clt.core.recording import Floats
 from clt.core.start import Start
-from clt.model.state_space import relative_blocks, sample_blocks
+from clt.model.state_space import poses_to_blocks, samples_to_blocks
 
-ROUNDING = 1e-9
+MAX_NEGATIVE_VARIANCE = 1e-9
 """Below zero by no more than this, a variance is zero, m^2 or rad^2."""
 
 
@@ -45,15 +45,15 @@ class Prior:
     who: tuple[int, ...]
     """Pose of each block."""
     base: tuple[int, ...]
-    """Pose in whose frame it stands, or `space.WORLD`."""
+    """Pose in whose frame it stands, or `state_space.WORLD_REFERENCE`."""
     calibration: tuple[float, ...] = ()
     """Standard deviations of the odometry errors in the state, three of each driver that has them
-    there (`space.twist`)."""
+    there (`state_space.corrected_twist`)."""
     places: tuple[int, ...] = ()
     """Poses of robots that stand and of whose heading nothing is known, nor ever will be."""
 
 
-def prior_of(
+def make_prior(
     start: Start,
     names: Sequence[str],
     who: Sequence[int],
@@ -76,7 +76,7 @@ def prior_of(
     places = tuple(
         i
         for i, name in enumerate(names)
-        if name in still and np.all(unknown_heading(covariance[:, 3 * i + 2, 3 * i + 2]))
+        if name in still and np.all(is_heading_unknown(covariance[:, 3 * i + 2, 3 * i + 2]))
     )
     return Prior(
         probability / probability.sum(),
@@ -89,10 +89,10 @@ def prior_of(
     )
 
 
-def gaussians(prior: Prior) -> Belief:
+def belief_from_prior(prior: Prior) -> Belief:
     """The prior in the blocks, first order around each mean; calibration errors begin at zero."""
     blocks = [
-        relative_blocks(mean, covariance, prior.who, prior.base)
+        poses_to_blocks(mean, covariance, prior.who, prior.base)
         for mean, covariance in zip(prior.mean, prior.covariance, strict=True)
     ]
     errors = np.array(prior.calibration, np.float64)
@@ -105,7 +105,7 @@ def gaussians(prior: Prior) -> Belief:
     return Belief(np.log(prior.probability), mean, covariance)
 
 
-def samples(prior: Prior, count: int, draw: np.random.Generator) -> Floats:
+def sample_prior(prior: Prior, count: int, draw: np.random.Generator) -> Floats:
     """Samples of the state from the prior, shape (count, N): exact, also where it is wide.
 
     Headings of `places` are not drawn: no range would ever weigh them.
@@ -116,45 +116,45 @@ def samples(prior: Prior, count: int, draw: np.random.Generator) -> Floats:
     covariance = prior.covariance.copy()
     for i in prior.places:
         covariance[:, 3 * i + 2, :] = covariance[:, :, 3 * i + 2] = 0.0
-    roots = np.array([square_root(P) for P in covariance])
+    roots = np.array([covariance_square_root(P) for P in covariance])
     poses = prior.mean[which] + np.einsum("kij,kj->ki", roots[which], unit).reshape(count, n, 3)
-    blocks = sample_blocks(poses, prior.who, prior.base)
+    blocks = samples_to_blocks(poses, prior.who, prior.base)
     errors = np.array(prior.calibration, np.float64)
     return np.concatenate([blocks, errors * draw.standard_normal((count, errors.size))], axis=1)
 
 
-def square_root(P: Floats) -> Floats:
+def covariance_square_root(P: Floats) -> Floats:
     """A matrix L with L L^T = P for a covariance P (N, N), also where it is singular."""
     values, vectors = np.linalg.eigh(P)
     root: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
     return root
 
 
-def moments(belief: Belief, block: int) -> tuple[Floats, Floats]:
+def belief_block_moments(belief: Belief, block: int) -> tuple[Floats, Floats]:
     """Mean (3,) and covariance (3, 3) of one block over all of a belief, on the circle."""
     own = slice(3 * block, 3 * block + 3)
     w, x = np.exp(belief.log_weight), belief.mean[:, own]
     about = x[np.argmax(w)].copy()
     about[2] = np.angle(w @ np.exp(1j * x[:, 2]))
     d = x - about
-    d[:, 2] = wrap(d[:, 2])
+    d[:, 2] = wrap_angle(d[:, 2])
     middle = w @ d
     d = d - middle
     P = np.einsum("k,ki,kj->ij", w, d, d)
     if belief.covariance.shape[1] > 0:
         P += np.einsum("k,kij->ij", w, belief.covariance[:, own, own])
     mean = about + middle
-    mean[2] = wrap(mean[2])
+    mean[2] = wrap_angle(mean[2])
     return mean, P
 
 
-def sound(covariance: Floats) -> bool:
+def is_valid_covariance(covariance: Floats) -> bool:
     """Whether covariances (n, 3, 3) hold numbers, and no variance below zero beyond rounding."""
     variances = np.diagonal(covariance, axis1=-2, axis2=-1)
-    return bool(np.isfinite(covariance).all() and np.all(variances >= -ROUNDING))
+    return bool(np.isfinite(covariance).all() and np.all(variances >= -MAX_NEGATIVE_VARIANCE))
 
 
-def spread(belief: Belief, index: int) -> tuple[float, float]:
+def state_mean_and_sigma(belief: Belief, index: int) -> tuple[float, float]:
     """Mean and standard deviation of one number of the state over all of a belief."""
     w, x = np.exp(belief.log_weight), belief.mean[:, index]
     mean = float(w @ x)

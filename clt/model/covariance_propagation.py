@@ -9,14 +9,14 @@ from __future__ import annotations
 import math
 
 from clt.core.recording import Floats
-from clt.jit.compiled import lean
-from clt.model.state_space import Space, move, resting, twist
-from clt.model.unicycle import arc
+from clt.jit.compiled import compiled_noalloc
+from clt.model.state_space import StateSpace, corrected_twist, is_standstill, move_blocks
+from clt.model.unicycle import exact_arc
 
 
-@lean
-def noise_gains(
-    x: Floats, G: Floats, space: Space, d: int, v: float, omega: float, dt: float
+@compiled_noalloc
+def input_noise_gains(
+    x: Floats, G: Floats, space: StateSpace, d: int, v: float, omega: float, dt: float
 ) -> None:
     """Derivatives of the blocks of driver d by (v dt, omega dt), at x after the step, into G.
 
@@ -38,9 +38,9 @@ def noise_gains(
             G[T, 1] = -1.0
 
 
-@lean
-def add_noise(
-    P: Floats, G: Floats, space: Space, d: int, variance_v: float, variance_omega: float
+@compiled_noalloc
+def add_input_noise(
+    P: Floats, G: Floats, space: StateSpace, d: int, variance_v: float, variance_omega: float
 ) -> None:
     """P += G diag(variance_v, variance_omega) G^T over the blocks of driver d."""
     for k in range(space.first[d], space.first[d + 1]):
@@ -51,28 +51,43 @@ def add_noise(
                     P[r, c] += gv * G[c, 0] + gw * G[c, 1]
 
 
-@lean
-def linearize(
-    x: Floats, F: Floats, shift: Floats, space: Space, d: int, v: float, omega: float, dt: float
+@compiled_noalloc
+def linearize_blocks(
+    x: Floats,
+    F: Floats,
+    shift: Floats,
+    space: StateSpace,
+    d: int,
+    v: float,
+    omega: float,
+    dt: float,
 ) -> None:
     """What is not trivial in F of each block of driver d, at x after the step, into F (B, 2).
 
     Forwards d(x, y) / d theta = (-F[1], F[0]), the displacement; with first-estimates Jacobians
-    `shift` comes to it (`eskf.propagate`). Backwards the cosine and sine of the turn.
+    `shift` comes to it (`eskf.propagate_world_block`). Backwards the cosine and sine of the turn.
     """
     for k in range(space.first[d], space.first[d + 1]):
         i = space.block[k]
         if space.forward[k] == 1:
-            dx, dy, _, _ = arc(x[3 * i + 2] - omega * dt, v, omega, dt)
+            dx, dy, _, _ = exact_arc(x[3 * i + 2] - omega * dt, v, omega, dt)
             F[i, 0], F[i, 1] = dx + shift[i, 0], dy + shift[i, 1]
             shift[i, 0] = shift[i, 1] = 0.0
         else:
             F[i, 0], F[i, 1] = math.cos(omega * dt), math.sin(omega * dt)
 
 
-@lean
-def turn_rows(
-    P: Floats, F: Floats, G: Floats, space: Space, k: int, s: int, u: float, turn: float, dt: float
+@compiled_noalloc
+def propagate_rows(
+    P: Floats,
+    F: Floats,
+    G: Floats,
+    space: StateSpace,
+    k: int,
+    s: int,
+    u: float,
+    turn: float,
+    dt: float,
 ) -> None:
     """P <- F P in the rows of the k-th moved block.
 
@@ -93,9 +108,9 @@ def turn_rows(
                 P[r, c] += u * G[r, 0] * P[s, c] + G[r, 1] * more
 
 
-@lean
-def turn_columns(
-    P: Floats, F: Floats, G: Floats, space: Space, k: int, r: int, s: int, u: float, turn: float,
+@compiled_noalloc
+def propagate_columns(
+    P: Floats, F: Floats, G: Floats, space: StateSpace, k: int, r: int, s: int, u: float, turn: float,
     dt: float,
 ) -> None:  # fmt: skip
     """Row r of P <- P F^T in the columns of the k-th moved block."""
@@ -112,30 +127,30 @@ def turn_columns(
             P[r, c] += u * G[c, 0] * P[r, s] + G[c, 1] * more
 
 
-@lean
-def carry(
-    x: Floats, P: Floats, F: Floats, G: Floats, shift: Floats, space: Space, d: int,
+@compiled_noalloc
+def propagate_blocks(
+    x: Floats, P: Floats, F: Floats, G: Floats, shift: Floats, space: StateSpace, d: int,
     v_measured: float, omega_measured: float, dt: float, density_v: float, density_omega: float,
 ) -> None:  # fmt: skip
     """Driver d over dt seconds, in place: its blocks of x <- f(x, u), P <- F P F^T + Q.
 
     The densities are variance times interval of one odometry sample: Q = G diag(density dt) G^T.
-    F (B, 2) and G (N, 2) are scratch; `shift` see `linearize`.
+    F (B, 2) and G (N, 2) are scratch; `shift` see `linearize_blocks`.
     """
     first, last = space.first[d], space.first[d + 1]
-    s = -1 if resting(v_measured, omega_measured) else space.calibration[d]
+    s = -1 if is_standstill(v_measured, omega_measured) else space.calibration[d]
     u, turn = v_measured * dt, omega_measured * dt
-    v, omega = twist(x, space, d, v_measured, omega_measured)
-    move(x, space, d, v, omega, dt)
-    linearize(x, F, shift, space, d, v, omega, dt)
-    noise_gains(x, G, space, d, v, omega, dt)
+    v, omega = corrected_twist(x, space, d, v_measured, omega_measured)
+    move_blocks(x, space, d, v, omega, dt)
+    linearize_blocks(x, F, shift, space, d, v, omega, dt)
+    input_noise_gains(x, G, space, d, v, omega, dt)
     for k in range(first, last):
-        turn_rows(P, F, G, space, k, s, u, turn, dt)
+        propagate_rows(P, F, G, space, k, s, u, turn, dt)
     for j in range(first, last):
         for r in range(3 * space.block[j], 3 * space.block[j] + 3):
             for k in range(first, last):
-                turn_columns(P, F, G, space, k, r, s, u, turn, dt)
-    add_noise(P, G, space, d, density_v * dt, density_omega * dt)
+                propagate_columns(P, F, G, space, k, r, s, u, turn, dt)
+    add_input_noise(P, G, space, d, density_v * dt, density_omega * dt)
     for k in range(first, last):
         for r in range(3 * space.block[k], 3 * space.block[k] + 3):
             for c in range(P.shape[0]):

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.core.recording import Floats, Odometry, Robot, Stamps
-from clt.core.start import period
+from clt.core.start import median_period
 from clt.model.inputs import interval_twist
 
 
-class Reckoning(NamedTuple):
+class ReckonedPath(NamedTuple):
     """Displacement x, y (m), turn (rad) and travelled distance (m) at stamps (ns), shape (n,)."""
 
     stamp: Stamps
@@ -26,7 +26,7 @@ class Reckoning(NamedTuple):
         return np.stack([np.interp(t, own, self.x), np.interp(t, own, self.y)], axis=1)
 
 
-def reckon(odometry: Odometry, robot: Robot, begin: int, still: int) -> Reckoning:
+def integrate_twists(odometry: Odometry, robot: Robot, begin: int, still: int) -> ReckonedPath:
     """Integrate the twists after `begin` (ns); until `still` the robot is known to stand."""
     keep = odometry.stamp > begin
     v, omega = (column[keep] for column in interval_twist(odometry, robot))
@@ -34,12 +34,12 @@ def reckon(odometry: Odometry, robot: Robot, begin: int, still: int) -> Reckonin
     before = np.append(begin, stamp[:-1])
     dt = np.diff(np.append(begin, stamp)) * 1e-9
     # Over a gap only one interval's worth is known.
-    dt = np.minimum(dt, 1.5e-9 * max(period(odometry.stamp), 1))
+    dt = np.minimum(dt, 1.5e-9 * max(median_period(odometry.stamp), 1))
     moving = before >= still
     turned, moved = np.where(moving, omega * dt, 0.0), np.where(moving, v * dt, 0.0)
     turn = np.append(0.0, np.cumsum(turned))
     middle = turn[:-1] + 0.5 * turned
-    return Reckoning(
+    return ReckonedPath(
         np.append(begin, stamp).astype(np.int64),
         np.append(0.0, np.cumsum(moved * np.cos(middle))),
         np.append(0.0, np.cumsum(moved * np.sin(middle))),

@@ -14,19 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.core.recording import Floats, Indices, Odometry, Ranges, Robot, Stamps, Team
-from clt.model.settings import MOST, Noise
+from clt.model.settings import MAX_SETTING, NoiseSettings
 
-LEAST_GAP, MOST_GAP = 1.5, 3.0
+MIN_GAP_PERIODS, MAX_GAP_PERIODS = 1.5, 3.0
 """A step of more median periods than this is a gap in odometry of even, of very uneven steps."""
-GAP_CORRELATION = 1.0
+GAP_CORRELATION_S = 1.0
 """Seconds over which an unseen twist keeps its value."""
 DEFAULT_SIGMA_V, DEFAULT_SIGMA_OMEGA, DEFAULT_SIGMA_RANGE = 0.1, 0.1, 0.1
 """Assumed, and said, where neither the log nor the user tells. m/s, rad/s, m."""
-LEAST_SIGMA_V, LEAST_SIGMA_OMEGA, LEAST_SIGMA_RANGE = 1e-5, 1e-5, 1e-4
+MIN_SIGMA_V, MIN_SIGMA_OMEGA, MIN_SIGMA_RANGE = 1e-5, 1e-5, 1e-4
 """No sensor is believed beyond this, not even one that claims to be perfect."""
 
 
-class Segments(NamedTuple):
+class TwistSegments(NamedTuple):
     """Twist segments of all robots one after another; robot i owns first[i] .. first[i + 1]."""
 
     first: Indices
@@ -92,7 +92,7 @@ def odometry_gaps(stamp: Stamps) -> NDArray[np.bool_]:
     """Whether a gap lies before each sample, shape (n,).
 
     A step beyond the median by five standard deviations of the steps (from their median
-    deviation), within LEAST_GAP to MOST_GAP periods: uneven steps are not gaps.
+    deviation), within MIN_GAP_PERIODS to MAX_GAP_PERIODS periods: uneven steps are not gaps.
     """
     step = np.diff(stamp)
     limit = gap_limit(step) if step.size > 0 else 0.0
@@ -103,20 +103,20 @@ def gap_limit(step: Stamps) -> float:
     """Longest of some steps (n,), n > 0, that is no gap, in their unit."""
     period = float(np.median(step))
     spread = 1.4826 * float(np.median(np.abs(step - period)))
-    return float(np.clip(period + 5.0 * spread, LEAST_GAP * period, MOST_GAP * period))
+    return float(np.clip(period + 5.0 * spread, MIN_GAP_PERIODS * period, MAX_GAP_PERIODS * period))
 
 
-def sample_noise(
-    odometry: Odometry, robot: Robot, noise: Noise
+def odometry_variances(
+    odometry: Odometry, robot: Robot, noise: NoiseSettings
 ) -> tuple[Floats, Floats, tuple[str, ...]]:
     """Variances of v and of omega of each sample (n,), and what had to be assumed."""
-    sigma_v, sigma_w, notes = sample_sigma(odometry, robot, noise)
+    sigma_v, sigma_w, notes = odometry_sigmas(odometry, robot, noise)
     v, omega = interval_twist(odometry, robot)
     return *twist_variance(v, omega, sigma_v, sigma_w, noise), notes
 
 
-def sample_sigma(
-    odometry: Odometry, robot: Robot, noise: Noise
+def odometry_sigmas(
+    odometry: Odometry, robot: Robot, noise: NoiseSettings
 ) -> tuple[Floats, Floats, tuple[str, ...]]:
     """Standard deviations of v and of omega of each sample (n,), and what had to be assumed."""
     size = odometry.stamp.size
@@ -132,11 +132,11 @@ def sample_sigma(
         notes = (assumed,)
         sigma_v = np.where(np.isnan(sigma_v), DEFAULT_SIGMA_V, sigma_v)
         sigma_w = np.where(np.isnan(sigma_w), DEFAULT_SIGMA_OMEGA, sigma_w)
-    return np.maximum(sigma_v, LEAST_SIGMA_V), np.maximum(sigma_w, LEAST_SIGMA_OMEGA), notes
+    return np.maximum(sigma_v, MIN_SIGMA_V), np.maximum(sigma_w, MIN_SIGMA_OMEGA), notes
 
 
 def twist_variance(
-    v: Floats, omega: Floats, sigma_v: Floats, sigma_w: Floats, noise: Noise
+    v: Floats, omega: Floats, sigma_v: Floats, sigma_w: Floats, noise: NoiseSettings
 ) -> tuple[Floats, Floats]:
     """Variances of v and of omega of samples (n,): their own noise and that of moving."""
     var_v = sigma_v**2 + (noise.v_per_v * v) ** 2 + (noise.v_per_omega * omega) ** 2
@@ -144,17 +144,17 @@ def twist_variance(
     return var_v, var_w
 
 
-def unseen_variance(values: Floats, variance: Floats, lags: Indices) -> Floats:
+def gap_twist_variance(values: Floats, variance: Floats, lags: Indices) -> Floats:
     """Variance of a twist that was not measured for `lags` periods, one per gap.
 
     Half of how much the twist changes over so long; to this comes the noise of the two neighbours'
     mean, which adds to the neighbours' own: of m periods (1 + m / 2)^2 each.
     """
     noise = float(np.mean(variance))
-    return 0.5 * change(values, noise, lags) + noise * (0.5 + 2.0 / lags)
+    return 0.5 * structure_function(values, noise, lags) + noise * (0.5 + 2.0 / lags)
 
 
-def change(values: Floats, noise: float, lags: Indices) -> Floats:
+def structure_function(values: Floats, noise: float, lags: Indices) -> Floats:
     """Structure function D(l) = E (w(t + l) - w(t))^2 of a twist over `lags` periods, (L,).
 
     From measured values (n,) with white noise of variance `noise`; beyond n periods twice their
@@ -168,14 +168,14 @@ def change(values: Floats, noise: float, lags: Indices) -> Floats:
 
 
 def robot_segments(
-    odometry: Odometry, robot: Robot, noise: Noise, start: int, end: int
-) -> tuple[Segments, tuple[str, ...]]:
+    odometry: Odometry, robot: Robot, noise: NoiseSettings, start: int, end: int
+) -> tuple[TwistSegments, tuple[str, ...]]:
     """Segments of one robot from `start` to `end` (ns), and what had to be assumed.
 
     A gap is bridged with the mean of the samples around it and an error as large as the twist
     changes over so long; so is the time after the last sample, with the last twist.
     """
-    var_v, var_w, said = sample_noise(odometry, robot, noise)
+    var_v, var_w, said = odometry_variances(odometry, robot, noise)
     v, omega = interval_twist(odometry, robot)
     stamp, size = odometry.stamp, odometry.stamp.size
     period = max(int(np.median(np.diff(stamp))), 1) if size > 1 else 0
@@ -192,15 +192,15 @@ def robot_segments(
     bridge_w = 0.5 * (omega[holes - 1] + omega[holes])
     order = np.argsort(ends, kind="stable")
     order = order[ends[order] > start]
-    interval = np.append(seconds[:size], np.minimum(seconds[size:], GAP_CORRELATION))
-    segments = Segments(
+    interval = np.append(seconds[:size], np.minimum(seconds[size:], GAP_CORRELATION_S))
+    segments = TwistSegments(
         np.array([0, order.size]),
         ends[order],
         np.concatenate([v, bridge_v, v[-1:] if late else []])[order],
         np.concatenate([omega, bridge_w, omega[-1:] if late else []])[order],
         interval[order],
-        np.append(var_v, unseen_variance(v, var_v, lags))[order],
-        np.append(var_w, unseen_variance(omega, var_w, lags))[order],
+        np.append(var_v, gap_twist_variance(v, var_v, lags))[order],
+        np.append(var_w, gap_twist_variance(omega, var_w, lags))[order],
     )
     inside = holes[stamp[holes] > start]
     if inside.size > 0:
@@ -213,10 +213,10 @@ def robot_segments(
     return segments, said
 
 
-def join_segments(parts: Sequence[Segments]) -> Segments:
+def join_segments(parts: Sequence[TwistSegments]) -> TwistSegments:
     """Segments of several robots behind one another."""
     counts = [part.end.size for part in parts]
-    return Segments(
+    return TwistSegments(
         np.cumsum([0, *counts]),
         *(
             np.concatenate([getattr(part, name) for part in parts])
@@ -225,19 +225,19 @@ def join_segments(parts: Sequence[Segments]) -> Segments:
     )
 
 
-def standing() -> Segments:
+def no_segments() -> TwistSegments:
     """No segments: a robot whose pose does not change."""
     none = np.empty(0)
-    return Segments(np.zeros(2, np.int64), np.empty(0, np.int64), none, none, none, none, none)
+    return TwistSegments(np.zeros(2, np.int64), np.empty(0, np.int64), none, none, none, none, none)
 
 
-def correlation_time(noise: Noise, team: Team) -> float:
+def range_correlation_time(noise: NoiseSettings, team: Team) -> float:
     """Of the range error of one pair, s: as the user says, else as the log tells."""
     told = noise.correlation_time
-    return min(team.range_correlation, MOST) if told is None else told
+    return min(team.range_correlation, MAX_SETTING) if told is None else told
 
 
-def correlated_variance(variance: Floats, stamp: Stamps, pair: Indices, tau: float) -> Floats:
+def inflated_variances(variance: Floats, stamp: Stamps, pair: Indices, tau: float) -> Floats:
     """Variance to give each range so that a white-noise filter does not believe a pair too much.
 
     An AR(1) error of correlation time tau (s), rho = exp(-dt / tau), carries, over many samples,
@@ -264,7 +264,7 @@ def range_table(
     team: Team,
     state: dict[int, int],
     anchors: dict[int, Floats],
-    noise: Noise,
+    noise: NoiseSettings,
     start: int,
     end: int,
 ) -> tuple[RangeTable, tuple[str, ...]]:
@@ -293,7 +293,7 @@ def range_table(
             "set noise.sigma_range"
         )
         sigma = np.where(np.isnan(sigma), DEFAULT_SIGMA_RANGE, sigma)
-    variance = np.maximum(sigma, LEAST_SIGMA_RANGE) ** 2
+    variance = np.maximum(sigma, MIN_SIGMA_RANGE) ** 2
     low = np.minimum(ranges.source[row], ranges.target[row])
     high = np.maximum(ranges.source[row], ranges.target[row])
     fixed = np.where(source[row] < 0, ranges.source[row], ranges.target[row])
@@ -305,8 +305,8 @@ def range_table(
         np.ascontiguousarray(place[fixed]),
         ranges.range[row],
         variance,
-        correlated_variance(
-            variance, ranges.stamp[row], low * size + high, correlation_time(noise, team)
+        inflated_variances(
+            variance, ranges.stamp[row], low * size + high, range_correlation_time(noise, team)
         ),
     )
     return table, tuple(notes)

@@ -11,31 +11,31 @@ from dataclasses import dataclass
 import numpy as np
 
 from clt.core.recording import Floats, Indices, Odometry, Robot, Stamps
-from clt.model.arrivals import MOST_STEP, Feed, feed
+from clt.model.arrivals import MAX_EPOCH_STEP_NS, ArrivalOrder, arrival_order
 from clt.model.inputs import (
-    GAP_CORRELATION,
-    Segments,
-    change,
+    GAP_CORRELATION_S,
+    TwistSegments,
     gap_limit,
+    gap_twist_variance,
     interval_twist,
-    sample_sigma,
+    odometry_sigmas,
+    structure_function,
     twist_variance,
-    unseen_variance,
 )
-from clt.model.settings import Noise
+from clt.model.settings import NoiseSettings
 
-WINDOW = 5_000_000_000
+STATISTICS_WINDOW_NS = 5_000_000_000
 """Odometry of the last so many ns tells how that of a robot comes and varies ..."""
-MOST_NEWS = 100
+MAX_SAMPLES_PER_UPDATE = 100
 """... reckoned anew after so many samples, at first after each."""
-LAGS = np.unique(np.rint(2.0 ** (0.5 * np.arange(60))).astype(np.int64))
+LAG_PERIODS = np.unique(np.rint(2.0 ** (0.5 * np.arange(60))).astype(np.int64))
 """After how many periods the variance of an unseen twist is reckoned, shape (L,)."""
-UNHEARD_V, UNHEARD_OMEGA = 0.5, 0.5
+UNKNOWN_SIGMA_V, UNKNOWN_SIGMA_OMEGA = 0.5, 0.5
 """Standard deviation of the twist of a robot that nothing was heard of yet, m/s and rad/s."""
 
 
 @dataclass(frozen=True)
-class Habit:
+class OdometryStatistics:
     """How a robot's odometry comes, and how its twist varies."""
 
     period: int
@@ -43,46 +43,52 @@ class Habit:
     limit: float
     """Longer steps are gaps, ns."""
     gap: tuple[Floats, Floats]
-    """Variance of (v, omega) in a gap of LAGS periods, (L,) each."""
+    """Variance of (v, omega) in a gap of LAG_PERIODS periods, (L,) each."""
     growth: tuple[Floats, Floats]
-    """How fast the variance of the integral of a held (v, omega) grows before LAGS periods."""
+    """How fast the variance of the integral of a held (v, omega) grows before LAG_PERIODS periods."""
 
 
 @dataclass(frozen=True)
-class Driver:
+class OdometryInput:
     """One robot's odometry as it came in."""
 
     odometry: Odometry
     robot: Robot
-    feed: Feed
+    feed: ArrivalOrder
     sigma_v: Floats
     sigma_omega: Floats
     counts: Indices
     """How many samples had arrived when each of the `habits` was reckoned."""
-    habits: tuple[Habit, ...]
+    habits: tuple[OdometryStatistics, ...]
 
 
-def driver(odometry: Odometry, robot: Robot, noise: Noise, start: int) -> Driver:
+def make_odometry_input(
+    odometry: Odometry, robot: Robot, noise: NoiseSettings, start: int
+) -> OdometryInput:
     """Lay out the odometry of a robot for a replay from `start`, ns."""
-    came = feed(odometry.stamp, odometry.log_time)
-    sigma_v, sigma_omega, _ = sample_sigma(odometry, robot, noise)
+    came = arrival_order(odometry.stamp, odometry.log_time)
+    sigma_v, sigma_omega, _ = odometry_sigmas(odometry, robot, noise)
     counts = [1]
     while counts[-1] < odometry.stamp.size:
-        counts.append(counts[-1] + int(np.clip(counts[-1] // 4, 1, MOST_NEWS)))
+        counts.append(counts[-1] + int(np.clip(counts[-1] // 4, 1, MAX_SAMPLES_PER_UPDATE)))
     habits = []
     for count in counts:
         now = int(came.arrival[min(count, odometry.stamp.size) - 1])
         last = int(came.latest[came.count(now) - 1])
-        first = int(np.searchsorted(odometry.stamp, odometry.stamp[last] - WINDOW))
+        first = int(np.searchsorted(odometry.stamp, odometry.stamp[last] - STATISTICS_WINDOW_NS))
         rows = first + np.flatnonzero(came.log_time[first : last + 1] <= now)
         known = Odometry(*(getattr(odometry, name)[rows] for name in Odometry.__annotations__))
-        habits.append(habit(known, robot, noise, (sigma_v[rows], sigma_omega[rows]), start))
-    return Driver(odometry, robot, came, sigma_v, sigma_omega, np.array(counts), tuple(habits))
+        habits.append(
+            odometry_statistics(known, robot, noise, (sigma_v[rows], sigma_omega[rows]), start)
+        )
+    return OdometryInput(
+        odometry, robot, came, sigma_v, sigma_omega, np.array(counts), tuple(habits)
+    )
 
 
-def habit(
-    odometry: Odometry, robot: Robot, noise: Noise, sigma: tuple[Floats, Floats], start: int
-) -> Habit:
+def odometry_statistics(
+    odometry: Odometry, robot: Robot, noise: NoiseSettings, sigma: tuple[Floats, Floats], start: int
+) -> OdometryStatistics:
     """How some samples, at least one, come and vary. A single one is taken to begin at `start`.
 
     A twist w that is held after a sample is off by how it changes since and by that sample's error
@@ -95,21 +101,21 @@ def habit(
     if step.size > 0:
         period, limit = max(int(np.median(step)), 1), gap_limit(step)
     else:
-        period = int(stamp[0]) - start if stamp[0] > start else MOST_STEP
+        period = int(stamp[0]) - start if stamp[0] > start else MAX_EPOCH_STEP_NS
         limit = np.inf
     v, omega = interval_twist(odometry, robot)
-    t = LAGS * (period * 1e-9)
+    t = LAG_PERIODS * (period * 1e-9)
     gap, growth = [], []
     variances = twist_variance(v, omega, *sigma, noise)
     for values, variance in zip((v, omega), variances, strict=True):
         n = float(np.mean(variance))
-        gap.append(unseen_variance(values, variance, LAGS))
-        rate = np.append(0.0, t * change(values, n, LAGS))
+        gap.append(gap_twist_variance(values, variance, LAG_PERIODS))
+        rate = np.append(0.0, t * structure_function(values, n, LAG_PERIODS))
         growth.append(0.5 * (rate[1:] + rate[:-1]) + n * (t + np.append(0.0, t[:-1]) + 2.0 * t[0]))
-    return Habit(period, limit, (gap[0], gap[1]), (growth[0], growth[1]))
+    return OdometryStatistics(period, limit, (gap[0], gap[1]), (growth[0], growth[1]))
 
 
-def changed_since(own: Driver, before: int, now: int, start: int) -> int:
+def earliest_changed_time(own: OdometryInput, before: int, now: int, start: int) -> int:
     """From when on the odometry that arrived after `before`, by `now`, tells another twist, ns.
 
     That is the stamp of the sample before the first new one; `now` where none came.
@@ -117,16 +123,18 @@ def changed_since(own: Driver, before: int, now: int, start: int) -> int:
     fresh = own.feed.new(before, now)
     if fresh.size == 0:
         return now
-    row = known_before(own.feed, int(fresh.min()), now)
+    row = previous_arrived(own.feed, int(fresh.min()), now)
     return start if row is None else int(own.feed.stamp[row])
 
 
-def known_before(came: Feed, row: int, now: int) -> int | None:
+def previous_arrived(came: ArrivalOrder, row: int, now: int) -> int | None:
     """The last message before `row` that had arrived by `now`."""
     return next((k for k in range(row - 1, -1, -1) if came.log_time[k] <= now), None)
 
 
-def known_segments(own: Driver, noise: Noise, since: int, now: int, start: int) -> Segments:
+def arrived_segments(
+    own: OdometryInput, noise: NoiseSettings, since: int, now: int, start: int
+) -> TwistSegments:
     """Segments of one robot that lead from `since` to `now` (ns), by what had arrived by `now`.
 
     Gaps are bridged as in `inputs.robot_segments`. After the latest sample its twist is held, in
@@ -135,23 +143,23 @@ def known_segments(own: Driver, noise: Noise, since: int, now: int, start: int) 
     """
     count = own.feed.count(now)
     if count == 0:
-        return unheard(start, now)
+        return unknown_segments(start, now)
     usual = own.habits[int(np.searchsorted(own.counts, count, "right")) - 1]
     last = int(own.feed.latest[count - 1])
-    rows = known_rows(own.feed, since, last, now)
+    rows = arrived_rows(own.feed, since, last, now)
     end = own.feed.stamp[rows]
     begin = np.append(end[0] - usual.period, end[:-1])
     gap = end - begin > usual.limit
     gap[0] = False
     v, omega = own.odometry.v[rows], own.odometry.omega[rows]
     if own.robot.twist == "instant":
-        v, omega = midpoints(v, gap), midpoints(omega, gap)
+        v, omega = midpoint_values(v, gap), midpoint_values(omega, gap)
     var_v, var_omega = twist_variance(v, omega, own.sigma_v[rows], own.sigma_omega[rows], noise)
     interval = np.where(gap, usual.period, end - begin) * 1e-9
-    pieces = int(np.searchsorted(LAGS, max(now - int(end[-1]), 0) / usual.period)) + 1
+    pieces = int(np.searchsorted(LAG_PERIODS, max(now - int(end[-1]), 0) / usual.period)) + 1
     one = np.ones(pieces)
     columns = [
-        np.append(end, end[-1] + LAGS[:pieces] * usual.period),
+        np.append(end, end[-1] + LAG_PERIODS[:pieces] * usual.period),
         np.append(v, v[-1] * one),
         np.append(omega, omega[-1] * one),
         np.append(interval, one),
@@ -159,38 +167,38 @@ def known_segments(own: Driver, noise: Noise, since: int, now: int, start: int) 
         np.append(var_omega, usual.growth[1][:pieces]),
     ]
     if gap.any():
-        columns = with_bridges(columns, begin, np.flatnonzero(gap), usual)
-    return Segments(np.array([0, columns[0].size]), *columns)
+        columns = insert_gap_segments(columns, begin, np.flatnonzero(gap), usual)
+    return TwistSegments(np.array([0, columns[0].size]), *columns)
 
 
-def known_rows(came: Feed, since: int, last: int, now: int) -> Indices:
+def arrived_rows(came: ArrivalOrder, since: int, last: int, now: int) -> Indices:
     """The messages up to `last` that had arrived by `now`: those after `since`, one before them."""
     first = min(int(np.searchsorted(came.stamp, since, "right")), last)
     rows: Indices = first + np.flatnonzero(came.log_time[first : last + 1] <= now)
-    before = known_before(came, first, now)
+    before = previous_arrived(came, first, now)
     return rows if before is None else np.append(before, rows)
 
 
-def midpoints(values: Floats, gap: Stamps) -> Floats:
+def midpoint_values(values: Floats, gap: Stamps) -> Floats:
     """Instants averaged with the one before, but not across a gap."""
     middle = np.append(values[:1], 0.5 * (values[1:] + values[:-1]))
     result: Floats = np.where(gap, values, middle)
     return result
 
 
-def with_bridges(
-    columns: list[Floats], begin: Stamps, holes: Indices, usual: Habit
+def insert_gap_segments(
+    columns: list[Floats], begin: Stamps, holes: Indices, usual: OdometryStatistics
 ) -> list[Floats]:
     """Columns of segments with one more before each sample that a gap leads to (`holes`)."""
     end, v, omega, *_ = columns
     stop = end[holes] - usual.period
     length = stop - begin[holes]
-    lag = np.minimum(np.searchsorted(LAGS, length / usual.period), LAGS.size - 1)
+    lag = np.minimum(np.searchsorted(LAG_PERIODS, length / usual.period), LAG_PERIODS.size - 1)
     bridges = (
         stop,
         0.5 * (v[holes - 1] + v[holes]),
         0.5 * (omega[holes - 1] + omega[holes]),
-        np.minimum(length * 1e-9, GAP_CORRELATION),
+        np.minimum(length * 1e-9, GAP_CORRELATION_S),
         usual.gap[0][lag],
         usual.gap[1][lag],
     )
@@ -199,23 +207,23 @@ def with_bridges(
     ]
 
 
-def unheard(start: int, until: int) -> Segments:
+def unknown_segments(start: int, until: int) -> TwistSegments:
     """Standing, for all that is known: any twist, kept from `start` on, both ns."""
     zero, one = np.zeros(1), np.ones(1)
-    interval = one * min((until - start) * 1e-9, GAP_CORRELATION)
-    return Segments(
+    interval = one * min((until - start) * 1e-9, GAP_CORRELATION_S)
+    return TwistSegments(
         np.array([0, 1]),
         np.array([until]),
         zero,
         zero,
         interval,
-        one * UNHEARD_V**2,
-        one * UNHEARD_OMEGA**2,
+        one * UNKNOWN_SIGMA_V**2,
+        one * UNKNOWN_SIGMA_OMEGA**2,
     )
 
 
-def rows_after(segments: Segments, time: int) -> Segments:
+def segments_after(segments: TwistSegments, time: int) -> TwistSegments:
     """The segments that end after a time, ns."""
     keep = segments.end > time
     first = np.append(0, np.cumsum(keep))[segments.first]
-    return Segments._make([first, *(column[keep] for column in segments[1:])])
+    return TwistSegments._make([first, *(column[keep] for column in segments[1:])])

@@ -9,66 +9,66 @@ from __future__ import annotations
 import math
 
 from clt.core.recording import Floats
-from clt.jit.compiled import lean
+from clt.jit.compiled import compiled_noalloc
 
-NEAR = 16.0
+SAME_MODE_MAHALANOBIS_SQ = 16.0
 """Squared Mahalanobis distance, of three numbers, up to which two poses belong to one mode."""
-WITHIN = 25.0
+MODE_MEMBER_MAHALANOBIS_SQ = 25.0
 """The same of a particle from the mode's middle: beyond are 15 in a million of a Gaussian's."""
-LEAST = 1e-6
+VARIANCE_FLOOR = 1e-6
 """Added to variances (m^2, rad^2), so that certain poses have a width."""
-PROBES = 64
+MAX_MODE_PROBES = 64
 """Particles tried as the middle of a mode."""
-START = 1.0 / 14.0
+INITIAL_MODE_SHARE = 1.0 / 14.0
 """Of the whole covariance, with which a mode is sought."""
-FITS = 6
+MODE_FIT_ITERATIONS = 6
 """How often a mode is fitted anew."""
 
 
-@lean
-def wrapped(angle: float) -> float:
+@compiled_noalloc
+def wrap_heading(angle: float) -> float:
     """An angle (rad) in (-pi, pi]."""
     turned: float = math.pi - (math.pi - angle) % (2.0 * math.pi)
     return turned
 
 
-@lean
-def offset(x: Floats, k: int, o: int, centre: Floats) -> tuple[float, float, float]:
+@compiled_noalloc
+def block_offset(x: Floats, k: int, o: int, centre: Floats) -> tuple[float, float, float]:
     """Block at column o of row k from a pose `centre` (3,), the heading on the circle."""
     return (
         x[k, o] - centre[0],
         x[k, o + 1] - centre[1],
-        wrapped(x[k, o + 2] - centre[2]),
+        wrap_heading(x[k, o + 2] - centre[2]),
     )
 
 
-@lean
-def mahalanobis(d: tuple[float, float, float], C: Floats, factor: float) -> float:
-    """d^T C^-1 d for the symmetric C (3, 3), scaled by `factor` and with LEAST on its diagonal.
+@compiled_noalloc
+def squared_mahalanobis(d: tuple[float, float, float], C: Floats, factor: float) -> float:
+    """d^T C^-1 d for the symmetric C (3, 3), scaled by `factor` and with VARIANCE_FLOOR on its diagonal.
 
     By C = L D L^T.
     """
-    a, b, c = factor * C[0, 0] + LEAST, factor * C[1, 0], factor * C[2, 0]
-    e, f, i = factor * C[1, 1] + LEAST, factor * C[2, 1], factor * C[2, 2] + LEAST
+    a, b, c = factor * C[0, 0] + VARIANCE_FLOOR, factor * C[1, 0], factor * C[2, 0]
+    e, f, i = factor * C[1, 1] + VARIANCE_FLOOR, factor * C[2, 1], factor * C[2, 2] + VARIANCE_FLOOR
     l10, l20 = b / a, c / a
-    d1 = max(e - l10 * b, LEAST)
+    d1 = max(e - l10 * b, VARIANCE_FLOOR)
     l21 = (f - l20 * b) / d1
-    d2 = max(i - l20 * c - l21 * l21 * d1, LEAST)
+    d2 = max(i - l20 * c - l21 * l21 * d1, VARIANCE_FLOOR)
     y1 = d[1] - l10 * d[0]
     y2 = d[2] - l20 * d[0] - l21 * y1
     square: float = d[0] * d[0] / a + y1 * y1 / d1 + y2 * y2 / d2
     return square
 
 
-@lean
-def width(P: Floats, k: int, r: int, c: int) -> float:
+@compiled_noalloc
+def covariance_entry(P: Floats, k: int, r: int, c: int) -> float:
     """Entry of the covariance of Gaussian k; particles (K, 0, 0) have none."""
     entry: float = P[k, r, c] if P.shape[1] > 0 else 0.0
     return entry
 
 
-@lean
-def centred(S: Floats, m: Floats) -> None:
+@compiled_noalloc
+def center_moments(S: Floats, m: Floats) -> None:
     """Second moments S (3, 3), lower triangle, less those of their mean m (3,), in place."""
     for r in range(3):
         for c in range(r + 1):
@@ -76,7 +76,7 @@ def centred(S: Floats, m: Floats) -> None:
             S[c, r] = S[r, c]
 
 
-@lean
+@compiled_noalloc
 def mean_heading(log_weight: Floats, x: Floats, count: int, o: int) -> float:
     """Circular mean of the headings of the block at column o, rad."""
     c, s = 0.0, 0.0
@@ -87,8 +87,8 @@ def mean_heading(log_weight: Floats, x: Floats, count: int, o: int) -> float:
     return math.atan2(s, c)
 
 
-@lean
-def moments(
+@compiled_noalloc
+def mixture_block_moments(
     log_weight: Floats, x: Floats, P: Floats, count: int, i: int, mean: Floats, covariance: Floats
 ) -> int:
     """Mean (3,) and covariance (3, 3) of block i over `count` normalized Gaussians, on the circle.
@@ -105,20 +105,20 @@ def moments(
     covariance[:] = 0.0
     for k in range(count):
         w = math.exp(log_weight[k])
-        d = x[k, o] - about[0], x[k, o + 1] - about[1], wrapped(x[k, o + 2] - about[2])
+        d = x[k, o] - about[0], x[k, o + 1] - about[1], wrap_heading(x[k, o + 2] - about[2])
         for r in range(3):
             mean[r] += w * d[r]
             for c in range(r + 1):
-                covariance[r, c] += w * (d[r] * d[c] + width(P, k, o + r, o + c))
-    centred(covariance, mean)
+                covariance[r, c] += w * (d[r] * d[c] + covariance_entry(P, k, o + r, o + c))
+    center_moments(covariance, mean)
     for r in range(3):
         mean[r] += about[r]
-    mean[2] = wrapped(mean[2])
+    mean[2] = wrap_heading(mean[2])
     return lead
 
 
-@lean
-def leading_share(
+@compiled_noalloc
+def leading_mode_probability(
     log_weight: Floats, x: Floats, P: Floats, count: int, i: int, lead: int, scratch: Floats
 ) -> float:
     """Weight of the Gaussians whose block i cannot be told from that of `lead`."""
@@ -127,59 +127,64 @@ def leading_share(
         for r in range(3):
             for c in range(3):
                 scratch[r, c] = P[k, o + r, o + c] + P[lead, o + r, o + c]
-        if mahalanobis(offset(x, k, o, x[lead, o : o + 3]), scratch, 1.0) <= NEAR:
+        if (
+            squared_mahalanobis(block_offset(x, k, o, x[lead, o : o + 3]), scratch, 1.0)
+            <= SAME_MODE_MAHALANOBIS_SQ
+        ):
             total += math.exp(log_weight[k])
     return min(total, 1.0)
 
 
-@lean
-def near(x: Floats, k: int, o: int, centre: Floats, C: Floats, factor: float) -> bool:
-    """Whether the block at column o of particle k is WITHIN a centre (3,)."""
-    return mahalanobis(offset(x, k, o, centre), C, factor) <= WITHIN
+@compiled_noalloc
+def is_in_mode(x: Floats, k: int, o: int, centre: Floats, C: Floats, factor: float) -> bool:
+    """Whether the block at column o of particle k is MODE_MEMBER_MAHALANOBIS_SQ a centre (3,)."""
+    return (
+        squared_mahalanobis(block_offset(x, k, o, centre), C, factor) <= MODE_MEMBER_MAHALANOBIS_SQ
+    )
 
 
-@lean
-def densest(x: Floats, o: int, covariance: Floats) -> int:
-    """Of PROBES particles evenly among all, that with the most of them about it."""
-    step = max(x.shape[0] // PROBES, 1)
+@compiled_noalloc
+def densest_particle(x: Floats, o: int, covariance: Floats) -> int:
+    """Of MAX_MODE_PROBES particles evenly among all, that with the most of them about it."""
+    step = max(x.shape[0] // MAX_MODE_PROBES, 1)
     best, most = 0, -1
     for k in range(0, x.shape[0], step):
         count = 0
         for j in range(0, x.shape[0], step):
-            if near(x, j, o, x[k, o : o + 3], covariance, START):
+            if is_in_mode(x, j, o, x[k, o : o + 3], covariance, INITIAL_MODE_SHARE):
                 count += 1
         if count > most:
             best, most = k, count
     return best
 
 
-@lean
-def cloud_share(
+@compiled_noalloc
+def particle_mode_probability(
     log_weight: Floats, x: Floats, i: int, covariance: Floats, scratch: Floats
 ) -> float:
     """Weight of the particles in the leading mode of block i.
 
-    From the densest place, a Gaussian is fitted again and again to the particles WITHIN it.
+    From the densest place, a Gaussian is fitted again and again to the particles MODE_MEMBER_MAHALANOBIS_SQ it.
     covariance (3, 3) is that of all; scratch (8, 3).
     """
     o = 3 * i
-    first = densest(x, o, covariance)
+    first = densest_particle(x, o, covariance)
     C, centre = scratch[:3], scratch[3]
     for r in range(3):
         centre[r] = x[first, o + r]
         for c in range(3):
-            C[r, c] = START * covariance[r, c]
+            C[r, c] = INITIAL_MODE_SHARE * covariance[r, c]
     total = 0.0
-    for _ in range(FITS):
-        total = refit(log_weight, x, o, C, centre, scratch[4:7], scratch[7])
+    for _ in range(MODE_FIT_ITERATIONS):
+        total = refit_mode(log_weight, x, o, C, centre, scratch[4:7], scratch[7])
     return min(total, 1.0)
 
 
-@lean
-def refit(
+@compiled_noalloc
+def refit_mode(
     log_weight: Floats, x: Floats, o: int, C: Floats, centre: Floats, S: Floats, m: Floats
 ) -> float:
-    """Fit C, centre, in place, to the particles WITHIN; returns their weight.
+    """Fit C, centre, in place, to the particles MODE_MEMBER_MAHALANOBIS_SQ; returns their weight.
 
     S, m: scratch.
     """
@@ -187,8 +192,8 @@ def refit(
     S[:] = 0.0
     m[:] = 0.0
     for k in range(x.shape[0]):
-        if near(x, k, o, centre, C, 1.0):
-            w, d = math.exp(log_weight[k]), offset(x, k, o, centre)
+        if is_in_mode(x, k, o, centre, C, 1.0):
+            w, d = math.exp(log_weight[k]), block_offset(x, k, o, centre)
             total += w
             for r in range(3):
                 m[r] += w * d[r]
@@ -199,7 +204,7 @@ def refit(
             m[r] /= total
             for c in range(r + 1):
                 S[r, c] /= total
-        centred(S, m)
+        center_moments(S, m)
         for r in range(3):
             centre[r] += m[r]
             for c in range(3):

@@ -14,25 +14,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.core.recording import Floats, Odometry, Robot
-from clt.core.start import period
+from clt.core.start import median_period
 from clt.model.inputs import first_known
-from clt.model.settings import Noise
+from clt.model.settings import NoiseSettings
 
-WINDOW, FEWEST = 1.0, 5
+MOTION_WINDOW_S, MIN_WINDOW_SAMPLES = 1.0, 5
 """Seconds of M samples, and the fewest of them."""
-STRAIGHT = 2.0
+STRAIGHT_ENERGY_RATIO = 2.0
 """gamma / sigma^2: below it for omega and above it for v a robot drives straight."""
-STANDING, MEAN = 3.0, 4.0
+STANDSTILL_ENERGY_RATIO, STANDSTILL_MEAN_RATIO = 3.0, 4.0
 """Largest energy / sigma^2 and mean / (sigma / sqrt(M)) of a robot that stands still."""
-BIAS_V, BIAS_OMEGA = 0.005, 0.02
+MAX_STANDSTILL_BIAS_V, MAX_STANDSTILL_BIAS_OMEGA = 0.005, 0.02
 """What odometry may show on average while a robot stands, m/s and rad/s."""
-LEAST_NOISE = 1e-3
+MIN_ODOMETRY_SIGMA = 1e-3
 """No wheel is quieter than this while it turns, m/s and rad/s."""
 
 Mask = NDArray[np.bool_]
 
 
-class Phase(NamedTuple):
+class MotionPhase(NamedTuple):
     """A span of time, ns; the odometry samples first .. last end in it."""
 
     begin: int
@@ -48,7 +48,9 @@ class OdometryNoise(NamedTuple):
     omega: float
 
 
-def measured_noise(odometry: Odometry, robot: Robot, noise: Noise) -> OdometryNoise:
+def estimate_odometry_noise(
+    odometry: Odometry, robot: Robot, noise: NoiseSettings
+) -> OdometryNoise:
     """What the user or the log tells of the noise, else what the samples' second differences do."""
     told = (
         first_known(noise.sigma_v, odometry.sigma_v, robot.sigma_v, size=odometry.v.size),
@@ -57,23 +59,29 @@ def measured_noise(odometry: Odometry, robot: Robot, noise: Noise) -> OdometryNo
         ),
     )
     sigma = [
-        float(np.nanmedian(values)) if not np.isnan(values).all() else roughness(column)
+        float(np.nanmedian(values))
+        if not np.isnan(values).all()
+        else second_difference_sigma(column)
         for values, column in zip(told, (odometry.v, odometry.omega), strict=True)
     ]
-    return OdometryNoise(max(sigma[0], LEAST_NOISE), max(sigma[1], LEAST_NOISE))
+    return OdometryNoise(max(sigma[0], MIN_ODOMETRY_SIGMA), max(sigma[1], MIN_ODOMETRY_SIGMA))
 
 
-def roughness(column: Floats) -> float:
+def second_difference_sigma(column: Floats) -> float:
     """Standard deviation of white noise on a smooth signal, by its second differences."""
     if column.size < 3:
         return 0.0
     return float(1.4826 / 6.0**0.5 * np.median(np.abs(np.diff(column, 2))))
 
 
-def samples(odometry: Odometry) -> int:
+def window_samples(odometry: Odometry) -> int:
     """M: odometry samples in a window."""
-    step = period(odometry.stamp)
-    return FEWEST if step <= 0 else max(FEWEST, round(WINDOW * 1e9 / step))
+    step = median_period(odometry.stamp)
+    return (
+        MIN_WINDOW_SAMPLES
+        if step <= 0
+        else max(MIN_WINDOW_SAMPLES, round(MOTION_WINDOW_S * 1e9 / step))
+    )
 
 
 def moving_mean(column: Floats, m: int) -> Floats:
@@ -82,42 +90,48 @@ def moving_mean(column: Floats, m: int) -> Floats:
     return np.asarray((total[m:] - total[:-m]) / m)
 
 
-def quiet(odometry: Odometry, noise: OdometryNoise) -> Mask:
+def standstill_windows(odometry: Odometry, noise: OdometryNoise) -> Mask:
     """Which windows of M samples in a row look like standing still, shape (n - M + 1,)."""
-    m = samples(odometry)
+    m = window_samples(odometry)
     found = np.ones(max(odometry.v.size - m + 1, 0), np.bool_)
     for column, sigma in ((odometry.v, noise.v), (odometry.omega, noise.omega)):
-        found &= moving_mean(column**2, m) < STANDING * sigma**2
-        found &= np.abs(moving_mean(column, m)) < MEAN * sigma / np.sqrt(m)
+        found &= moving_mean(column**2, m) < STANDSTILL_ENERGY_RATIO * sigma**2
+        found &= np.abs(moving_mean(column, m)) < STANDSTILL_MEAN_RATIO * sigma / np.sqrt(m)
     return found
 
 
-def standing(odometry: Odometry, noise: OdometryNoise) -> Mask:
+def standstill_samples(odometry: Odometry, noise: OdometryNoise) -> Mask:
     """Samples of which every window of M says that the robot stands still."""
-    return _every_window(quiet(odometry, noise), samples(odometry), odometry.v.size)
+    return _every_window(
+        standstill_windows(odometry, noise), window_samples(odometry), odometry.v.size
+    )
 
 
-def creeps(odometry: Odometry, noise: OdometryNoise, phase: Phase) -> bool:
+def is_creeping(odometry: Odometry, noise: OdometryNoise, phase: MotionPhase) -> bool:
     """A robot moves throughout a phase, if slowly: its mean twist is no chance and no bias."""
     part = slice(phase.first, phase.last + 1)
     root = (phase.last + 1 - phase.first) ** 0.5
     return bool(
-        abs(float(np.mean(odometry.v[part]))) > MEAN * noise.v / root + BIAS_V
-        or abs(float(np.mean(odometry.omega[part]))) > MEAN * noise.omega / root + BIAS_OMEGA
+        abs(float(np.mean(odometry.v[part])))
+        > STANDSTILL_MEAN_RATIO * noise.v / root + MAX_STANDSTILL_BIAS_V
+        or abs(float(np.mean(odometry.omega[part])))
+        > STANDSTILL_MEAN_RATIO * noise.omega / root + MAX_STANDSTILL_BIAS_OMEGA
     )
 
 
-def straight(odometry: Odometry, noise: OdometryNoise) -> Mask:
+def straight_samples(odometry: Odometry, noise: OdometryNoise) -> Mask:
     """Samples of which every window of M says that the robot drives straight."""
-    m = samples(odometry)
+    m = window_samples(odometry)
     energy_v, energy_omega = moving_mean(odometry.v**2, m), moving_mean(odometry.omega**2, m)
-    linear = (energy_omega < STRAIGHT * noise.omega**2) & (energy_v > STRAIGHT * noise.v**2)
+    linear = (energy_omega < STRAIGHT_ENERGY_RATIO * noise.omega**2) & (
+        energy_v > STRAIGHT_ENERGY_RATIO * noise.v**2
+    )
     return _every_window(linear, m, odometry.v.size)
 
 
-def phases(mask: Mask, odometry: Odometry, shortest: float) -> list[Phase]:
+def find_phases(mask: Mask, odometry: Odometry, shortest: float) -> list[MotionPhase]:
     """Runs of samples, at least `shortest` seconds long; no gap of the odometry lies in one."""
-    step = period(odometry.stamp)
+    step = median_period(odometry.stamp)
     gap = np.append(False, np.diff(odometry.stamp) > 1.5 * step)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     found = []
@@ -127,7 +141,7 @@ def phases(mask: Mask, odometry: Odometry, shortest: float) -> list[Phase]:
             if b > a:
                 begin, end = int(odometry.stamp[a]) - step, int(odometry.stamp[b - 1])
                 if end - begin >= shortest * 1e9:
-                    found.append(Phase(begin, end, a, b - 1))
+                    found.append(MotionPhase(begin, end, a, b - 1))
     return found
 
 

@@ -10,28 +10,28 @@ from __future__ import annotations
 import math
 
 from clt.core.recording import Floats
-from clt.jit.compiled import lean
-from clt.model.state_space import Space
+from clt.jit.compiled import compiled_noalloc
+from clt.model.state_space import StateSpace
 
 
-def is_mutual(space: Space) -> bool:
+def is_mutual(space: StateSpace) -> bool:
     """Whether the blocks are a transform and its inverse."""
     who, base = space.who.tolist(), space.base.tolist()
     return len(who) == 2 and who == base[::-1]
 
 
-@lean
-def invert(x: Floats) -> None:
+@compiled_noalloc
+def set_inverse_mean(x: Floats) -> None:
     """Make block 1 the inverse of block 0, in place."""
     c, s = math.cos(x[2]), math.sin(x[2])
     x[3], x[4], x[5] = -c * x[0] - s * x[1], s * x[0] - c * x[1], -x[2]
 
 
-@lean
-def tie(x: Floats, P: Floats) -> None:
+@compiled_noalloc
+def set_inverse(x: Floats, P: Floats) -> None:
     """Make block 1 the inverse of block 0, in mean and covariance, in place."""
     c, s = math.cos(x[2]), math.sin(x[2])
-    invert(x)
+    set_inverse_mean(x)
     for k in range(P.shape[0]):
         if k < 3 or k > 5:
             a, b, t = P[0, k], P[1, k], P[2, k]

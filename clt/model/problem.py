@@ -14,35 +14,35 @@ from dataclasses import dataclass
 import numpy as np
 
 from clt.core.errors import CltError, UsageError
-from clt.core.geometry import rotation
+from clt.core.geometry import rotation_matrix
 from clt.core.recording import Floats, Indices, Recording, Robot, Stamps
-from clt.core.settings import nearest
+from clt.core.settings import did_you_mean
 from clt.core.start import InitialPose, Start
-from clt.model.belief import Belief, Prior, gaussians, prior_of
-from clt.model.choices import View
+from clt.model.belief import Belief, Prior, belief_from_prior, make_prior
+from clt.model.choices import FrameSpec
 from clt.model.inputs import (
     Outputs,
     RangeTable,
-    Segments,
+    TwistSegments,
     join_segments,
+    no_segments,
     range_table,
     robot_segments,
-    standing,
 )
 from clt.model.settings import FilterSettings
-from clt.model.state_space import WORLD, Space, make_space
+from clt.model.state_space import WORLD_REFERENCE, StateSpace, make_state_space
 
-EARLY_END = 1_000_000_000
+EARLY_END_NS = 1_000_000_000
 """Odometry that ends more than this before the log's is worth a word, ns."""
-BODY = "/base_link"
+BASE_LINK_SUFFIX = "/base_link"
 """Ends the id of a frame that moves with a robot."""
-OUTPUT_STEP = 100_000_000
+MAX_OUTPUT_STEP_NS = 100_000_000
 """Longest time between two outputs, ns ..."""
-MOST_PARTS = 100
+MAX_OUTPUTS_PER_SAMPLE = 100
 """... but no more outputs than this between two odometry samples, however long a gap is."""
-FEW_NAMES = 3
+MAX_LISTED_ROBOTS = 3
 """Robots that one line names."""
-ABSOLUTE = View("world")
+WORLD_FRAME_SPEC = FrameSpec("world")
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Problem:
     """Id of the frame that it stands in."""
     drivers: tuple[str, ...]
     """Robots whose odometry moves the blocks."""
-    space: Space
+    space: StateSpace
     prior: Prior | None
     """None where a filter goes on from `belief`, as an earlier run of it left it."""
     belief: Belief
@@ -64,7 +64,7 @@ class Problem:
     """Of each driver in its body frame, shape (D, 2), m."""
     lever: Floats
     """The same of each block's robot, shape (B, 2)."""
-    segments: Segments
+    segments: TwistSegments
     ranges: RangeTable
     outputs: Outputs
     start: int
@@ -92,7 +92,7 @@ class Problem:
 
 
 @dataclass(frozen=True)
-class Cast:
+class StateLayout:
     """Who plays which part: indices go into `names`, the robots whose odometry counts."""
 
     names: tuple[str, ...]
@@ -101,13 +101,15 @@ class Cast:
     left_out: tuple[str, ...]
 
 
-def cast_of(recording: Recording, start: Start, view: View) -> Cast:
+def choose_states(recording: Recording, start: Start, view: FrameSpec) -> StateLayout:
     """The blocks of a view. Raises CltError, UsageError where it cannot be had."""
     idle = set(recording.idle).difference(view.names)
     names, left_out = state_robots(recording, start, idle, every=view.kind != "world")
     if view.kind == "world":
-        return Cast(tuple(names), tuple(range(len(names))), (WORLD,) * len(names), tuple(left_out))
-    require_robots(view, recording.team.names)
+        return StateLayout(
+            tuple(names), tuple(range(len(names))), (WORLD_REFERENCE,) * len(names), tuple(left_out)
+        )
+    require_frame_robots(view, recording.team.names)
     for name in view.names:
         if name not in names:
             why = next((line for line in left_out if line.startswith(f"{name} ")), "no pose")
@@ -118,15 +120,15 @@ def cast_of(recording: Recording, start: Start, view: View) -> Cast:
         if len(names) == 1:
             raise CltError(f"{ego} has no neighbour that can be localized: {'; '.join(left_out)}")
         who = tuple(range(1, len(names)))
-        return Cast(tuple(names), who, (0,) * len(who), tuple(left_out))
-    return Cast(view.names, (1, 0), (0, 1), ())
+        return StateLayout(tuple(names), who, (0,) * len(who), tuple(left_out))
+    return StateLayout(view.names, (1, 0), (0, 1), ())
 
 
-def require_robots(view: View, names: Sequence[str]) -> None:
+def require_frame_robots(view: FrameSpec, names: Sequence[str]) -> None:
     """Raise UsageError, naming the nearest, where a view names a robot that the log has not."""
     for name in view.names:
         if name not in names:
-            raise UsageError(f"--frame: no robot `{name}` in the log{nearest(name, names)}")
+            raise UsageError(f"--frame: no robot `{name}` in the log{did_you_mean(name, names)}")
 
 
 def state_robots(
@@ -142,7 +144,7 @@ def state_robots(
         if robot.name in idle:
             continue
         if robot.static:
-            if pose is not None and (every or uncertain(pose)):
+            if pose is not None and (every or is_uncertain(pose)):
                 names.append(robot.name)
         elif robot.name not in recording.odometry:
             left_out.append(f"{robot.name} moves but has no odometry: not localized")
@@ -153,11 +155,11 @@ def state_robots(
     return names, left_out
 
 
-def lay_out(
-    recording: Recording, start: Start, settings: FilterSettings, view: View = ABSOLUTE
+def build_problem(
+    recording: Recording, start: Start, settings: FilterSettings, view: FrameSpec = WORLD_FRAME_SPEC
 ) -> Problem:
     """Lay a recording out for a filter. Raises CltError where nothing can be estimated."""
-    cast = cast_of(recording, start, view)
+    cast = choose_states(recording, start, view)
     names, team = cast.names, recording.team
     odometry = {name: recording.odometry[name] for name in names if name in recording.odometry}
     if len(odometry) == 0:
@@ -165,17 +167,17 @@ def lay_out(
         raise CltError(f"no moving robot can be localized{why}")
     end = max(int(stream.stamp[-1]) for stream in odometry.values())
     parts, notes = driver_segments(recording, names, settings, start.stamp, end)
-    table, said, placed = tied(recording, start, cast, view, settings, end)
+    table, said, placed = range_measurements(recording, start, cast, view, settings, end)
     left_out = [*cast.left_out, *unused_ranges(recording, placed, end)]
     if table.row.size == 0:
         left_out.append("no range ties the team together: the estimate is dead reckoning")
     for name, stream in odometry.items():
-        if end - int(stream.stamp[-1]) > EARLY_END:
+        if end - int(stream.stamp[-1]) > EARLY_END_NS:
             seconds = (end - int(stream.stamp[-1])) * 1e-9
             left_out.append(f"the odometry of {name} ends {seconds:.1f} s before that of others")
     sigmas = settings.noise.lasting
     calibrated = [d for d, name in enumerate(names) if name in odometry and any(sigmas)]
-    prior = prior_of(
+    prior = make_prior(
         start,
         names,
         cast.who,
@@ -187,11 +189,14 @@ def lay_out(
     antenna = np.array([team.robots[team.index(name)].antenna for name in names], np.float64)
     return Problem(
         robots,
-        tuple(world_of(start) if i == WORLD else f"{names[i]}{BODY}" for i in cast.base),
+        tuple(
+            fixed_frame_id(start) if i == WORLD_REFERENCE else f"{names[i]}{BASE_LINK_SUFFIX}"
+            for i in cast.base
+        ),
         names,
-        make_space(cast.who, cast.base, calibrated),
+        make_state_space(cast.who, cast.base, calibrated),
         prior,
-        gaussians(prior),
+        belief_from_prior(prior),
         antenna,
         antenna[list(cast.who)],
         join_segments(parts),
@@ -199,41 +204,43 @@ def lay_out(
         output_times(cast, {name: odometry[name].stamp for name in odometry}, start.stamp),
         start.stamp,
         end,
-        (*idle_note(recording, start, view), *notes, *said),
+        (*idle_robots_note(recording, start, view), *notes, *said),
         tuple(left_out),
     )
 
 
-def idle_note(recording: Recording, start: Start, view: View) -> tuple[str, ...]:
+def idle_robots_note(recording: Recording, start: Start, view: FrameSpec) -> tuple[str, ...]:
     """A line on static robots that nothing in the log tells of; certain anchors lose nothing."""
     names = [name for name in recording.idle if name not in view.names]
     if view.kind == "mutual":
         return ()
     if view.kind == "world":
-        names = [name for name in names if name not in start.poses or uncertain(start.poses[name])]
+        names = [
+            name for name in names if name not in start.poses or is_uncertain(start.poses[name])
+        ]
     if len(names) == 0:
         return ()
-    few = ", ".join(names[:FEW_NAMES])
-    more = f" and {len(names) - FEW_NAMES} more" if len(names) > FEW_NAMES else ""
+    few = ", ".join(names[:MAX_LISTED_ROBOTS])
+    more = f" and {len(names) - MAX_LISTED_ROBOTS} more" if len(names) > MAX_LISTED_ROBOTS else ""
     return (f"no range touches {few}{more}: static robots that cannot be estimated, left out",)
 
 
-def uncertain(pose: InitialPose) -> bool:
+def is_uncertain(pose: InitialPose) -> bool:
     """Whether a pose has any uncertainty."""
     return bool(np.any(pose.covariance != 0.0))
 
 
-def world_of(start: Start) -> str:
+def fixed_frame_id(start: Start) -> str:
     """Id of the fixed frame of a start: of poses in a body frame, where that robot was then."""
-    name, body, _ = start.frame.partition(BODY)
+    name, body, _ = start.frame.partition(BASE_LINK_SUFFIX)
     return f"{name}/start" if body else start.frame
 
 
 def driver_segments(
     recording: Recording, names: Sequence[str], settings: FilterSettings, start: int, end: int
-) -> tuple[list[Segments], list[str]]:
+) -> tuple[list[TwistSegments], list[str]]:
     """Twist segments of each robot from `start` to `end` (ns), and what had to be assumed."""
-    parts: list[Segments] = []
+    parts: list[TwistSegments] = []
     notes: list[str] = []
     for name in names:
         if name in recording.odometry:
@@ -243,12 +250,17 @@ def driver_segments(
             parts.append(part)
             notes += said
         else:
-            parts.append(standing())
+            parts.append(no_segments())
     return parts, notes
 
 
-def tied(
-    recording: Recording, start: Start, cast: Cast, view: View, settings: FilterSettings, end: int
+def range_measurements(
+    recording: Recording,
+    start: Start,
+    cast: StateLayout,
+    view: FrameSpec,
+    settings: FilterSettings,
+    end: int,
 ) -> tuple[RangeTable, tuple[str, ...], set[int]]:
     """The ranges of a view, what had to be assumed, and the robots that it has a place for.
 
@@ -273,12 +285,12 @@ def tied(
         recording.ranges, team, state, fixed, settings.noise, start.stamp, end
     )
     if view.kind == "mutual":
-        table = from_measurer(table, recording, *(team.index(name) for name in cast.names))
+        table = ranges_by_measurer(table, recording, *(team.index(name) for name in cast.names))
         return table, said, set(range(len(team.robots)))
     return table, said, {*state, *fixed}
 
 
-def from_measurer(table: RangeTable, recording: Recording, a: int, b: int) -> RangeTable:
+def ranges_by_measurer(table: RangeTable, recording: Recording, a: int, b: int) -> RangeTable:
     """Ranges of the pair (a, b) of team indices: those measured by b tell block 1, in b's frame."""
     theirs = recording.ranges.source[table.row] == b
     own = np.asarray(recording.team.robots[b].antenna, np.float64)
@@ -291,7 +303,7 @@ def from_measurer(table: RangeTable, recording: Recording, a: int, b: int) -> Ra
 
 def antenna_position(robot: Robot, pose: InitialPose) -> Floats:
     """Where the antenna of a fixed robot is, shape (2,), m."""
-    arm: Floats = rotation(float(pose.mean[2])) @ np.asarray(robot.antenna)
+    arm: Floats = rotation_matrix(float(pose.mean[2])) @ np.asarray(robot.antenna)
     return pose.mean[:2] + arm
 
 
@@ -310,16 +322,16 @@ def unused_ranges(recording: Recording, placed: set[int], end: int) -> list[str]
                 f"{robot.name} stands at an unknown position: its {counts[index]} ranges are not "
                 "used; give it a pose with --init FILE"
             )
-    late = int(np.sum(ranges.stamp > end + EARLY_END))
+    late = int(np.sum(ranges.stamp > end + EARLY_END_NS))
     if late > 0:
         lines.append(f"{late} ranges come after the end of all odometry: not used")
     return lines
 
 
-def output_times(cast: Cast, stamps: Mapping[str, Stamps], start: int) -> Outputs:
+def output_times(cast: StateLayout, stamps: Mapping[str, Stamps], start: int) -> Outputs:
     """Each block at the start and at its robot's odometry stamps; standing ones with the first's.
 
-    Steps longer than OUTPUT_STEP are divided, so that slow odometry does not hide what the
+    Steps longer than MAX_OUTPUT_STEP_NS are divided, so that slow odometry does not hide what the
     ranges in between tell.
     """
     default = next(iter(stamps.values()))
@@ -327,7 +339,7 @@ def output_times(cast: Cast, stamps: Mapping[str, Stamps], start: int) -> Output
     for j in cast.who:
         own = stamps.get(cast.names[j], default)
         own = np.append(start, np.unique(own[own > start]))
-        parts = np.clip(-(-np.diff(own) // OUTPUT_STEP), 1, MOST_PARTS)
+        parts = np.clip(-(-np.diff(own) // MAX_OUTPUT_STEP_NS), 1, MAX_OUTPUTS_PER_SAMPLE)
         step = np.repeat(np.arange(parts.size), parts)
         part = np.arange(step.size) - np.repeat(np.cumsum(parts) - parts, parts) + 1
         # Whole parts and rest apart: their product over centuries would not fit 64 bits.

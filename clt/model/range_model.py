@@ -8,11 +8,11 @@ from __future__ import annotations
 import math
 
 from clt.core.recording import Floats, Indices
-from clt.jit.compiled import inlined, lean
+from clt.jit.compiled import compiled_noalloc, inlined
 
 
 @inlined
-def antenna(
+def antenna_with_derivative(
     x: float, y: float, theta: float, lx: float, ly: float
 ) -> tuple[float, float, float, float]:
     """Position of an antenna and its derivative with respect to theta: (ax, ay, dax, day)."""
@@ -24,7 +24,7 @@ def antenna(
 
 
 @inlined
-def distance(dx: float, dy: float) -> tuple[float, float, float]:
+def distance_and_gradient(dx: float, dy: float) -> tuple[float, float, float]:
     """Distance h and its gradient e = (dx, dy) / h with respect to the first end.
 
     Where both ends coincide the direction is unknown and the gradient is zero.
@@ -36,7 +36,7 @@ def distance(dx: float, dy: float) -> tuple[float, float, float]:
 
 
 @inlined
-def put_gradient(
+def store_gradient(
     i: int, hx: float, hy: float, ht: float, J: Indices, H: Floats, m: int, k: int
 ) -> None:
     """Derivatives by the pose of robot i into row m of J, H from k on; none if i is fixed."""
@@ -48,32 +48,40 @@ def put_gradient(
     H[m, k + 2] = ht if free else 0.0
 
 
-@lean
+@compiled_noalloc
 def predict_range(
     x: Floats, lever: Floats, a: int, b: int, px: float, py: float, J: Indices, H: Floats, m: int
 ) -> float:
-    """Distance h(x) of one range; its Jacobian goes to row m of J, H (`kalman.Work`).
+    """Distance h(x) of one range; its Jacobian goes to row m of J, H (`UpdateWorkspace`).
 
     Entries 0 .. 2 are those of robot a, 3 .. 5 of robot b. A negative end is fixed at (px, py).
     """
     ax, ay, bx, by = px, py, px, py
     adx, ady, bdx, bdy = 0.0, 0.0, 0.0, 0.0
     if a >= 0:
-        ax, ay, adx, ady = antenna(x[3 * a], x[3 * a + 1], x[3 * a + 2], lever[a, 0], lever[a, 1])
+        ax, ay, adx, ady = antenna_with_derivative(
+            x[3 * a], x[3 * a + 1], x[3 * a + 2], lever[a, 0], lever[a, 1]
+        )
     if b >= 0:
-        bx, by, bdx, bdy = antenna(x[3 * b], x[3 * b + 1], x[3 * b + 2], lever[b, 0], lever[b, 1])
-    h, ex, ey = distance(ax - bx, ay - by)
-    put_gradient(a, ex, ey, ex * adx + ey * ady, J, H, m, 0)
-    put_gradient(b, -ex, -ey, -(ex * bdx + ey * bdy), J, H, m, 3)
+        bx, by, bdx, bdy = antenna_with_derivative(
+            x[3 * b], x[3 * b + 1], x[3 * b + 2], lever[b, 0], lever[b, 1]
+        )
+    h, ex, ey = distance_and_gradient(ax - bx, ay - by)
+    store_gradient(a, ex, ey, ex * adx + ey * ady, J, H, m, 0)
+    store_gradient(b, -ex, -ey, -(ex * bdx + ey * bdy), J, H, m, 3)
     return h
 
 
 @inlined
-def distance_of(x: Floats, lever: Floats, a: int, b: int, px: float, py: float) -> float:
+def predict_distance(x: Floats, lever: Floats, a: int, b: int, px: float, py: float) -> float:
     """The same h(x) alone."""
     ax, ay, bx, by = px, py, px, py
     if a >= 0:
-        ax, ay, _, _ = antenna(x[3 * a], x[3 * a + 1], x[3 * a + 2], lever[a, 0], lever[a, 1])
+        ax, ay, _, _ = antenna_with_derivative(
+            x[3 * a], x[3 * a + 1], x[3 * a + 2], lever[a, 0], lever[a, 1]
+        )
     if b >= 0:
-        bx, by, _, _ = antenna(x[3 * b], x[3 * b + 1], x[3 * b + 2], lever[b, 0], lever[b, 1])
+        bx, by, _, _ = antenna_with_derivative(
+            x[3 * b], x[3 * b + 1], x[3 * b + 2], lever[b, 0], lever[b, 1]
+        )
     return math.sqrt((ax - bx) * (ax - bx) + (ay - by) * (ay - by))

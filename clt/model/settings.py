@@ -8,13 +8,13 @@ from pydantic import Field
 
 from clt.core.settings import Settings
 
-MOST = 1e6
+MAX_SETTING = 1e6
 """Far beyond every sensor and every log; squares of it still leave digits to the rest."""
-Positive = Annotated[float, Field(gt=0, le=MOST)]
-NotNegative = Annotated[float, Field(ge=0, le=MOST)]
+Positive = Annotated[float, Field(gt=0, le=MAX_SETTING)]
+NotNegative = Annotated[float, Field(ge=0, le=MAX_SETTING)]
 
 
-class Noise(Settings):
+class NoiseSettings(Settings):
     """What the filter believes of the sensors; None takes what the log tells."""
 
     sigma_v: Positive | None = None
@@ -46,21 +46,21 @@ class Noise(Settings):
         return self.scale, self.scale if self.scale_omega is None else self.scale_omega, self.bias
 
 
-class Initial(Settings):
+class InitialPoseSettings(Settings):
     """How well the initial poses are believed where their source does not tell."""
 
     sigma: tuple[NotNegative, NotNegative, NotNegative] = (0.01, 0.01, 0.01)
     """x, y in m and heading in rad, for `--init truth`."""
 
 
-class Received(Settings):
+class ReplaySettings(Settings):
     """What a replay in the order of arrival does."""
 
     lag: Annotated[float, Field(ge=0, le=10)] = 1.0
     """How late a measurement may arrive to be fused all the same, at its own stamp, s."""
 
 
-class Ukf(Settings):
+class UkfSettings(Settings):
     """Merwe's sigma points: at alpha sqrt(N + kappa) standard deviations of a state of N numbers.
 
     A range bends over the whole width of a wide prior, so points belong out there. Over Araki's
@@ -78,7 +78,7 @@ class Ukf(Settings):
     """Added to N, the number of states, in the distance of sigma points: a pure number."""
 
 
-class Mixture(Settings):
+class MixtureSettings(Settings):
     """The Gaussian mixture."""
 
     components: int | None = Field(default=None, ge=1, le=10_000)
@@ -86,7 +86,7 @@ class Mixture(Settings):
     room while they are split."""
 
 
-class Pf(Settings):
+class ParticleSettings(Settings):
     """The particle filters."""
 
     kind: Literal["auto", "sir", "gaussian"] = "auto"
@@ -99,7 +99,7 @@ class Pf(Settings):
     """Of all that is drawn at random."""
 
 
-class Dpf(Settings):
+class DistributedSettings(Settings):
     """The distributed particle filter, and the network that its robots share."""
 
     likelihood: Literal["fit", "shared"] = "fit"
@@ -112,7 +112,7 @@ class Dpf(Settings):
     """Length of a round, s; 0: one for each instant of ranges."""
     graph: str = "complete"
     """Who may hear whom: complete, line, ring, or links as R1-R2,R2-R3."""
-    reach: Positive = MOST
+    reach: Positive = MAX_SETTING
     """How far a robot is heard, m."""
     loss: float = Field(default=0.0, ge=0.0, lt=1.0)
     """Probability that a neighbour does not hear a message."""
@@ -125,9 +125,9 @@ class Dpf(Settings):
 class FilterSettings(Settings):
     """All keys of `clt localize`."""
 
-    noise: Noise = Noise()
-    initial: Initial = Initial()
-    ukf: Ukf = Ukf()
+    noise: NoiseSettings = NoiseSettings()
+    initial: InitialPoseSettings = InitialPoseSettings()
+    ukf: UkfSettings = UkfSettings()
     process: Literal["exact", "shi"] = "exact"
     """Form of the process noise: along the heading, or the paper's diagonal."""
     jacobians: Literal["auto", "latest", "first"] = "auto"
@@ -140,7 +140,7 @@ class FilterSettings(Settings):
     """A robot is searched for when more than 40 % of its ranges, with several partners, were
     rejected over this time, s; what is found replaces the estimate where the ranges fit it clearly
     better."""
-    received: Received = Received()
-    mixture: Mixture = Mixture()
-    pf: Pf = Pf()
-    dpf: Dpf = Dpf()
+    received: ReplaySettings = ReplaySettings()
+    mixture: MixtureSettings = MixtureSettings()
+    pf: ParticleSettings = ParticleSettings()
+    dpf: DistributedSettings = DistributedSettings()

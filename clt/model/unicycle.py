@@ -11,12 +11,12 @@ import math
 
 from clt.jit.compiled import inlined
 
-EXACT, SHI = 0, 1
+EXACT_NOISE, SHI_NOISE = 0, 1
 """Forms of the process noise."""
 
 
 @inlined
-def arc(theta: float, v: float, omega: float, dt: float) -> tuple[float, float, float, float]:
+def exact_arc(theta: float, v: float, omega: float, dt: float) -> tuple[float, float, float, float]:
     """A constant twist over dt seconds from heading theta: (dx, dy, c, s).
 
     The displacement (m) is the chord v dt sinc(omega dt / 2) of the arc along (c, s), the unit
@@ -50,14 +50,14 @@ def process_noise(
 ) -> tuple[float, float, float, float, float, float]:
     """Covariance that a step of dt seconds adds: (xx, xy, yy, xt, yt, tt), m^2, m rad, rad^2.
 
-    EXACT: Q = G diag(var_v, var_omega) G^T T / dt with G = d(x, y, theta) / d(v, omega) at
+    EXACT_NOISE: Q = G diag(var_v, var_omega) G^T T / dt with G = d(x, y, theta) / d(v, omega) at
     mid-step heading (c, s) and T the odometry `interval`: the noise of one sample is the same
     over its whole interval, so it adds var T dt, not var dt^2, and that of v acts along the
     heading only (rank one).
-    SHI: the paper's diagonal (cos^2, sin^2, 1) with the same T dt, for comparison.
+    SHI_NOISE: the paper's diagonal (cos^2, sin^2, 1) with the same T dt, for comparison.
     """
     q_v, q_w = var_v * interval * dt, var_omega * interval * dt
-    if form == SHI:
+    if form == SHI_NOISE:
         return c * c * q_v, 0.0, s * s * q_v, 0.0, 0.0, q_w
     g_x, g_y = -0.5 * v * dt * s, 0.5 * v * dt * c
     return (

@@ -10,16 +10,16 @@ from clt.core.errors import CltError
 from clt.core.recording import Floats, Indices, Ranges, Recording
 from clt.observability.exact.analysis import Analysis, analyse
 from clt.observability.exact.codistribution import Motion
-from clt.observability.exact.setup import Node, Setup
-from clt.observability.windows.reference import has_motion, measured, positions_told
-from clt.observability.windows.track import twist, twist_of
+from clt.observability.exact.setup import Setup, SetupRobot
+from clt.observability.windows.reference import has_motion, robots_of_known_position, usable_ranges
+from clt.observability.windows.track import odometry_from_poses, odometry_of
 
-SPEED, TURN = 0.02, 0.01
+MIN_SPEED_RMS, MIN_TURN_RATE_RMS = 0.02, 0.01
 """Below these root mean squares a robot neither drives nor turns, m/s and rad/s."""
-DOUBT = 4.0
+MIN_MOTION_SIGMAS = 4.0
 """How many standard errors a motion must rise above the noise."""
-TOLD = 4
-MOST_IDLE = 2
+MAX_LISTED = 4
+MAX_IDLE_STATICS = 2
 """Static robots that nobody ranges: so many stand for all that a remedy may use."""
 
 
@@ -31,20 +31,20 @@ def advise(
     `placed` names the robots that have initial poses: static ones among them count as known. Mirror
     images are no matter here: the initial poses choose the side.
     """
-    found = analyse(setup_of(recording, placed, frame, idle=MOST_IDLE))
+    found = analyse(setup_of(recording, placed, frame, idle=MAX_IDLE_STATICS))
     if found.observable:
         return ()
-    remedy = f"; remedy: {offers(found)}" if len(found.remedies) > 0 else ""
+    remedy = f"; remedy: {remedy_choices(found)}" if len(found.remedies) > 0 else ""
     names = [direction.name for direction in found.unobservable]
-    more = f" and {len(names) - TOLD} more" if len(names) > TOLD else ""
+    more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
     return (
-        f"ranges cannot tell {', '.join(names[:TOLD])}{more}: such errors never shrink{remedy}",
+        f"ranges cannot tell {', '.join(names[:MAX_LISTED])}{more}: such errors never shrink{remedy}",
     )
 
 
-def offers(found: Analysis) -> str:
+def remedy_choices(found: Analysis) -> str:
     """The remedies as a choice."""
-    texts = [remedy.text for remedy in found.remedies[:TOLD]]
+    texts = [remedy.text for remedy in found.remedies[:MAX_LISTED]]
     return ", or ".join(texts)
 
 
@@ -63,8 +63,8 @@ def setup_of(
     """
     kind, _, names = frame.partition(":")
     chosen = names.split(",") if kind == "mutual" else list(recording.team.names)
-    told = positions_told(recording)
-    nodes: list[Node] = []
+    told = robots_of_known_position(recording)
+    nodes: list[SetupRobot] = []
     place: dict[int, int] = {}
     apart = set() if idle is None else set(recording.idle).difference(names.split(","))
     spare = 0 if idle is None else idle
@@ -78,8 +78,8 @@ def setup_of(
             spare -= 1
         place[k] = len(nodes)
         motion = Motion.FREE if robot.static else motion_of(recording, robot.name)
-        nodes.append(Node(robot.name, robot.static, known and kind == "world", motion))
-    met = pairs_of(measured(recording), len(recording.team.robots))
+        nodes.append(SetupRobot(robot.name, robot.static, known and kind == "world", motion))
+    met = ranged_pairs(usable_ranges(recording), len(recording.team.robots))
     pairs = tuple((place[int(a)], place[int(b)]) for a, b in met if a in place and b in place)
     ego = None
     if kind != "world":
@@ -92,7 +92,7 @@ def setup_of(
     return Setup(tuple(nodes), pairs, ego=ego, framed=framed)
 
 
-def pairs_of(ranges: Ranges, robots: int) -> Indices:
+def ranged_pairs(ranges: Ranges, robots: int) -> Indices:
     """Who ranged whom, shape (pairs, 2): indices of robots, the smaller one first."""
     met = np.zeros((robots, robots), np.bool_)
     met[ranges.source, ranges.target] = True
@@ -101,16 +101,16 @@ def pairs_of(ranges: Ranges, robots: int) -> Indices:
 
 def motion_of(recording: Recording, name: str) -> Motion:
     """Whether a robot drove and turned at all, by its odometry, else by its estimate."""
-    odometry = twist(recording, name) or twist_of(recording.estimate[name])
+    odometry = odometry_of(recording, name) or odometry_from_poses(recording.estimate[name])
     v, omega = odometry.v, odometry.omega
-    if rises(omega, TURN):
-        return Motion.FREE if rises(v, SPEED) else Motion.REST
-    if not rises(v, SPEED):
+    if exceeds_noise(omega, MIN_TURN_RATE_RMS):
+        return Motion.FREE if exceeds_noise(v, MIN_SPEED_RMS) else Motion.REST
+    if not exceeds_noise(v, MIN_SPEED_RMS):
         return Motion.REST
-    return Motion.STRAIGHT if rises(v - np.mean(v), SPEED) else Motion.STEADY
+    return Motion.STRAIGHT if exceeds_noise(v - np.mean(v), MIN_SPEED_RMS) else Motion.STEADY
 
 
-def rises(signal: Floats, least: float) -> bool:
+def exceeds_noise(signal: Floats, least: float) -> bool:
     """Whether a slow signal under white noise has a root mean square above `least`.
 
     The noise is told by the differences of neighbours.
@@ -119,4 +119,4 @@ def rises(signal: Floats, least: float) -> bool:
         return bool(np.any(np.abs(signal) > least))
     noise = float(np.mean(np.diff(signal) ** 2)) / 2.0
     error = noise * np.sqrt(3.0 / signal.size)
-    return bool(np.mean(signal**2) - noise > least**2 + DOUBT * error)
+    return bool(np.mean(signal**2) - noise > least**2 + MIN_MOTION_SIGMAS * error)

@@ -18,15 +18,15 @@ from __future__ import annotations
 import numpy as np
 
 from clt.core.recording import Floats, Indices
-from clt.jit.kept import Kept
-from clt.ranging.measured import Measured
-from clt.ranging.states import Filters
-from clt.ranging.unwrap import Network
+from clt.jit.kept import CachedKernel
+from clt.ranging.measured import MeasuredRanges
+from clt.ranging.states import ClockFilters
+from clt.ranging.unwrap import LinkedPackets
 
-SWEEP = Kept("clt.ranging.sweep", "sweep")
+CLOCK_KERNEL = CachedKernel("clt.ranging.sweep", "sweep")
 
 
-def run(network: Network, R: Floats) -> tuple[Measured, Indices]:
+def range_by_clock_filters(network: LinkedPackets, R: Floats) -> tuple[MeasuredRanges, Indices]:
     """All ranges of all packets in one pass.
 
     `R` are the variances of receive stamps, [receiver, sender], s^2. Returns the ranges and how
@@ -34,7 +34,7 @@ def run(network: Network, R: Floats) -> tuple[Measured, Indices]:
     """
     n, robots = network.row.shape
     square, size = (robots, robots), n * (robots - 1)
-    filters = Filters(
+    filters = ClockFilters(
         np.zeros(square, np.int64),
         np.zeros(square, np.int64),
         np.full(square, -1),
@@ -44,9 +44,9 @@ def run(network: Network, R: Floats) -> tuple[Measured, Indices]:
     row, target, instant = np.empty((3, size), np.int64)
     value, sigma, offset, skew = np.empty((4, size))
     rejected = np.zeros(square, np.int64)
-    room = Measured(row, row, row, target, instant, value, sigma, offset, skew)
-    m = SWEEP(network, R, filters, room, rejected)
+    room = MeasuredRanges(row, row, row, target, instant, value, sigma, offset, skew)
+    m = CLOCK_KERNEL(network, R, filters, room, rejected)
     row = row[:m].copy()
     rest = (column[:m].copy() for column in (target, instant))
     told = (column[:m].copy() for column in (value, sigma, offset, skew))
-    return Measured(row, row, network.source[row], *rest, *told), rejected
+    return MeasuredRanges(row, row, network.source[row], *rest, *told), rejected

@@ -16,19 +16,21 @@ from typing import Any
 import numpy as np
 
 from clt.core.recording import Floats, Indices
-from clt.core.ticks import SPEED, TICK
-from clt.ranging.measured import Measured
-from clt.ranging.unwrap import Network
+from clt.core.ticks import RADIO_SPEED, SECONDS_PER_TICK
+from clt.ranging.measured import MeasuredRanges
+from clt.ranging.unwrap import LinkedPackets
 
-JUMP = 1e-6
+MAX_SKEW_STEP = 1e-6
 """A skew further than this from its neighbours' is a clock that jumped, not one that wanders."""
-NOISE = 10.0
+JUMP_SIGMAS = 10.0
 """So many sigmas of a stamp are no jump either."""
-WINDOW = 5
+MEDIAN_WINDOW = 5
 """Skews that are compared."""
 
 
-def run(network: Network, R: Floats, wander: Floats) -> tuple[Measured, Indices]:
+def range_double_sided(
+    network: LinkedPackets, R: Floats, wander: Floats
+) -> tuple[MeasuredRanges, Indices]:
     """All ranges of pairs a < b.
 
     `R` are the variances of receive stamps, [receiver, sender], s^2; `wander` how the rate of the
@@ -47,7 +49,7 @@ def run(network: Network, R: Floats, wander: Floats) -> tuple[Measured, Indices]
     joined = [np.concatenate(column) for column in zip(*parts, strict=True)]
     order = np.argsort(joined[0], kind="stable")
     columns: Any = [column[order] for column in joined]
-    return Measured(*columns), rejected
+    return MeasuredRanges(*columns), rejected
 
 
 def time_of_flight(Ra: Floats, Db: Floats, Rb: Floats, Da: Floats) -> Floats:
@@ -56,8 +58,8 @@ def time_of_flight(Ra: Floats, Db: Floats, Rb: Floats, Da: Floats) -> Floats:
 
 
 def _pair(
-    network: Network, rows: Indices, a: int, b: int, R: Floats, wander: float
-) -> tuple[Measured, int]:
+    network: LinkedPackets, rows: Indices, a: int, b: int, R: Floats, wander: float
+) -> tuple[MeasuredRanges, int]:
     """Ranges of one pair; `rows` are the packets of b."""
     last = network.row[rows, a]
     rows, last = rows[last >= 0], last[last >= 0]
@@ -67,7 +69,7 @@ def _pair(
     rows, last, middle, first = (column[first >= 0] for column in (rows, last, middle, first))
     heard = network.received[last, b]
     Ra, Db, Rb, Da = (
-        (later - earlier) * TICK
+        (later - earlier) * SECONDS_PER_TICK
         for later, earlier in (
             (heard, network.sent[first]),
             (network.sent[middle], network.received[middle, a]),
@@ -79,31 +81,33 @@ def _pair(
     sane = (np.minimum(np.minimum(Ra, Rb), np.minimum(Da, Db)) > 0.0) & (span > 0.0)
     skew = np.divide(span, Db + Rb, out=np.ones_like(span), where=sane) - 1.0
     noise = np.sqrt(2.0 * R[b, a])
-    sane &= np.abs(skew - _median(skew)) < JUMP + NOISE * noise / np.where(sane, span, 1.0)
+    sane &= np.abs(skew - _median(skew)) < MAX_SKEW_STEP + JUMP_SIGMAS * noise / np.where(
+        sane, span, 1.0
+    )
     Ra, Db, Rb, Da = Ra[sane], Db[sane], Rb[sane], Da[sane]
     total = Ra + Rb + Da + Db
     tof = time_of_flight(Ra, Db, Rb, Da)
     # Stamps: a's of b's packet in Ra and Da, b's of the two of a in Db and Rb.
     variance = (R[a, b] * (Rb + Db) ** 2 + R[b, a] * (Da**2 + Ra**2)) / total**2
     variance += wander * (Da * Db) ** 2 / (12.0 * (Da + Db))
-    measured = Measured(
+    measured = MeasuredRanges(
         rows[sane],
         last[sane],
         np.full(tof.size, a),
         np.full(tof.size, b),
         heard[sane],
-        SPEED * tof,
-        SPEED * np.sqrt(variance),
-        (heard - network.sent[middle])[sane] * TICK - tof,
+        RADIO_SPEED * tof,
+        RADIO_SPEED * np.sqrt(variance),
+        (heard - network.sent[middle])[sane] * SECONDS_PER_TICK - tof,
         skew[sane],
     )
     return measured, int(np.count_nonzero(~sane))
 
 
 def _median(values: Floats) -> Floats:
-    """Running median over WINDOW values, shape (n,); those at the ends repeat."""
+    """Running median over MEDIAN_WINDOW values, shape (n,); those at the ends repeat."""
     if values.size == 0:
         return values
-    padded = np.pad(values, WINDOW // 2, mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, WINDOW)
+    padded = np.pad(values, MEDIAN_WINDOW // 2, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_WINDOW)
     return np.asarray(np.median(windows, axis=1))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from clt.core.recording import Indices, Stamps
 
-MEMORY = 256
+REMEMBERED_PACKETS = 256
 """So many packets of each robot are kept in mind for receptions told later."""
-OLDEST = 8_000_000_000
+MAX_RECEPTION_AGE_NS = 8_000_000_000
 """A reception told later than this (ns) is not believed: sequence numbers may have begun anew."""
 
 
-def link(
+def link_receptions(
     source: Indices,
     sequence: Indices,
     stamp: Stamps,
@@ -21,7 +21,7 @@ def link(
 ) -> None:
     """Fill `row` (n, robots) with that of the packet with each heard sequence number.
 
-    All of `row`, of the memory `known` (robots, MEMORY) and of the latest rows `told`, [receiver,
+    All of `row`, of the memory `known` (robots, REMEMBERED_PACKETS) and of the latest rows `told`, [receiver,
     sender], is -1 before.
     """
     n, robots = heard.shape
@@ -31,10 +31,10 @@ def link(
             number = heard[k, sender]
             if number < 0 or sender == receiver:
                 continue
-            found = known[sender, number % MEMORY]
+            found = known[sender, number % REMEMBERED_PACKETS]
             if found < 0 or sequence[found] != number or found <= told[receiver, sender]:
                 continue
-            if stamp[k] - stamp[found] < OLDEST:
+            if stamp[k] - stamp[found] < MAX_RECEPTION_AGE_NS:
                 row[k, sender] = found
                 told[receiver, sender] = found
-        known[receiver, sequence[k] % MEMORY] = k
+        known[receiver, sequence[k] % REMEMBERED_PACKETS] = k

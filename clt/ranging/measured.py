@@ -7,7 +7,7 @@ from typing import NamedTuple
 from clt.core.recording import Floats, Indices
 
 
-class Measured(NamedTuple):
+class MeasuredRanges(NamedTuple):
     """Ranges of pairs a < b, shape (m,)."""
 
     row: Indices

@@ -5,31 +5,31 @@ from __future__ import annotations
 import numpy as np
 
 from clt.core.recording import Floats, Stamps
-from clt.core.ticks import TICK
-from clt.ranging.unwrap import Network
+from clt.core.ticks import SECONDS_PER_TICK
+from clt.ranging.unwrap import LinkedPackets
 
-USUAL = 150e-12
+DEFAULT_STAMP_SIGMA_S = 150e-12
 """Of a receive stamp, s, where packets come too seldom to tell."""
-QUANTUM = TICK * TICK / 12.0
+TICK_VARIANCE = SECONDS_PER_TICK * SECONDS_PER_TICK / 12.0
 """Variance of counting whole ticks, s^2."""
-FEWEST = 1000
+MIN_LINK_DIFFERENCES = 1000
 """Second differences from which the noise of one link is taken; with fewer, all links share one."""
-FEWEST_SHARED = 100
+MIN_SHARED_DIFFERENCES = 100
 """Second differences of all links together from which that is taken."""
-TRIM, TRIMMED = 3.5, 0.99389
+TRIM_SIGMAS, TRIMMED_VARIANCE = 3.5, 0.99389
 """So many sigmas of a normal variable are kept; its variance is then this share."""
-SLOWEST = 0.12
+MAX_PACKET_INTERVAL_S = 0.12
 """Packets further apart (s) tell of motion, not of noise."""
 
 
-def period(network: Network, stamp: Stamps) -> float:
+def packet_period(network: LinkedPackets, stamp: Stamps) -> float:
     """Median time between two packets of one robot, s; infinity for fewer than two packets."""
     steps = [np.diff(stamp[network.source == robot]) for robot in np.unique(network.source)]
     every = np.concatenate([*steps, np.empty(0, np.int64)])
     return float(np.median(every)) * 1e-9 if every.size > 0 else np.inf
 
 
-def stamp_variance(network: Network, sigma: float | None = None) -> Floats:
+def stamp_variance(network: LinkedPackets, sigma: float | None = None) -> Floats:
     """Variance of the receive stamps of each link, [receiver, sender], s^2; `sigma` (s) if given.
 
     Else from second differences of RX - TX over three packets evenly apart: there, offset and skew
@@ -37,29 +37,33 @@ def stamp_variance(network: Network, sigma: float | None = None) -> Floats:
     """
     robots = network.row.shape[1]
     if sigma is not None:
-        return np.full((robots, robots), sigma**2 + QUANTUM)
+        return np.full((robots, robots), sigma**2 + TICK_VARIANCE)
     links = [
         (receiver, sender, _second_differences(network, receiver, sender))
         for receiver in range(robots)
         for sender in range(robots)
     ]
     every = np.concatenate([second for _, _, second in links])
-    shared = _variance(every) if every.size >= FEWEST_SHARED else USUAL**2 + QUANTUM
+    shared = (
+        _variance(every)
+        if every.size >= MIN_SHARED_DIFFERENCES
+        else DEFAULT_STAMP_SIGMA_S**2 + TICK_VARIANCE
+    )
     variance = np.full((robots, robots), shared)
     for receiver, sender, second in links:
-        if second.size >= FEWEST:
+        if second.size >= MIN_LINK_DIFFERENCES:
             variance[receiver, sender] = _variance(second)
     return variance
 
 
-def _second_differences(network: Network, receiver: int, sender: int) -> Floats:
+def _second_differences(network: LinkedPackets, receiver: int, sender: int) -> Floats:
     """Of RX - TX on one link, where packets come evenly and fast, s."""
     rows = np.flatnonzero((network.source == receiver) & (network.row[:, sender] >= 0))
     sent = network.sent[network.row[rows, sender]]
     z = network.received[rows, sender] - sent
-    dt = np.diff(sent) * TICK
-    even = (np.abs(np.diff(dt)) < 0.05 * dt[1:]) & (dt[1:] < SLOWEST)
-    return np.asarray((z[2:] - 2 * z[1:-1] + z[:-2])[even] * TICK)
+    dt = np.diff(sent) * SECONDS_PER_TICK
+    even = (np.abs(np.diff(dt)) < 0.05 * dt[1:]) & (dt[1:] < MAX_PACKET_INTERVAL_S)
+    return np.asarray((z[2:] - 2 * z[1:-1] + z[:-2])[even] * SECONDS_PER_TICK)
 
 
 def _variance(second: Floats) -> float:
@@ -68,11 +72,11 @@ def _variance(second: Floats) -> float:
     The median tells which to trust, but counts whole ticks; their mean square is finer.
     """
     rough = float(np.median(np.abs(second))) / 0.6745
-    trusted = second[np.abs(second) <= TRIM * max(rough, TICK)]
-    return max(float(np.mean(trusted**2)) / TRIMMED / 6.0, QUANTUM)
+    trusted = second[np.abs(second) <= TRIM_SIGMAS * max(rough, SECONDS_PER_TICK)]
+    return max(float(np.mean(trusted**2)) / TRIMMED_VARIANCE / 6.0, TICK_VARIANCE)
 
 
-def correlation_time(white: float, variance: float, dt: float) -> float:
+def equivalent_correlation_time(white: float, variance: float, dt: float) -> float:
     """Correlation time (s) at which errors of `variance`, dt (s) apart, tell as much as `white`.
 
     That is as much as white errors of that variance: (1 + rho) / (1 - rho) = white / variance with

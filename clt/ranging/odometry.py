@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.core.recording import Frames, Odometry, Stamps
-from clt.ranging.timebase import earlier
-from clt.ranging.unwrap import Network, before
+from clt.core.recording import Odometry, Stamps, UwbPackets
+from clt.ranging.timebase import listener_times
+from clt.ranging.unwrap import LinkedPackets, unwrap_earlier
 
 
-def odometry(frames: Frames, network: Network, times: Stamps, robot: int) -> Odometry | None:
+def odometry_from_packets(
+    frames: UwbPackets, network: LinkedPackets, times: Stamps, robot: int
+) -> Odometry | None:
     """What the packets of one robot carried; None for nothing.
 
     `times` are the departures of all packets on the listener's clock, ns. A packet repeats the
@@ -18,10 +20,10 @@ def odometry(frames: Frames, network: Network, times: Stamps, robot: int) -> Odo
     rows = np.flatnonzero((frames.source == robot) & (frames.odometry_stamp >= 0))
     if rows.size == 0:
         return None
-    ticks = before(frames.transmit[rows], frames.odometry_stamp[rows], network.sent[rows])
+    ticks = unwrap_earlier(frames.transmit[rows], frames.odometry_stamp[rows], network.sent[rows])
     ticks, first = np.unique(ticks, return_index=True)
     rows = rows[first]
-    stamp = earlier(times[rows], network.sent[rows], ticks)
+    stamp = listener_times(times[rows], network.sent[rows], ticks)
     order = np.argsort(stamp, kind="stable")
     order = order[np.append(True, np.diff(stamp[order]) > 0)]
     rows = rows[order]

@@ -9,28 +9,37 @@ from typing import Literal
 import numpy as np
 
 from clt.core.errors import CltError
-from clt.core.recording import Floats, Frames, Indices, Ranges, Recording, Stamps, Team, no_frames
-from clt.core.ticks import SPEED
+from clt.core.recording import (
+    Floats,
+    Indices,
+    Ranges,
+    Recording,
+    Stamps,
+    Team,
+    UwbPackets,
+    no_uwb_packets,
+)
+from clt.core.ticks import RADIO_SPEED
 from clt.ranging import clock, double_sided
-from clt.ranging.measured import Measured
-from clt.ranging.noise import correlation_time, period, stamp_variance
-from clt.ranging.odometry import odometry
-from clt.ranging.smooth import smooth
-from clt.ranging.states import MOTION, SKEW_WALK
-from clt.ranging.timebase import departures, earlier
-from clt.ranging.unwrap import Network, unwrap
+from clt.ranging.measured import MeasuredRanges
+from clt.ranging.noise import equivalent_correlation_time, packet_period, stamp_variance
+from clt.ranging.odometry import odometry_from_packets
+from clt.ranging.smooth import smooth_ranges
+from clt.ranging.states import MOTION_SHARE, SKEW_WALK
+from clt.ranging.timebase import departure_times, listener_times
+from clt.ranging.unwrap import LinkedPackets, unwrap_packets
 
-Method = Literal["auto", "clock", "double-sided"]
-METHODS: tuple[Method, ...] = ("auto", "clock", "double-sided")
-CLEARLY = 0.9
+RangingMethod = Literal["auto", "clock", "double-sided"]
+RANGING_METHODS: tuple[RangingMethod, ...] = ("auto", "clock", "double-sided")
+MAX_CLOCK_SIGMA_SHARE = 0.9
 """Clock filters are chosen where their sigma is below this share of double-sided ranging's."""
-GRAIN = 2.0**-17
+RANGE_RESOLUTION_M = 2.0**-17
 """8 um; a tick is 5 mm."""
-HEAD = 20_000
+TRIAL_PACKETS = 20_000
 """Packets on which both methods are tried."""
-LONGEST = 3600.0
+MAX_CORRELATION_TIME_S = 3600.0
 """No error of a clock filter lives longer, s."""
-ENOUGH = 2000
+PERCENTILE_VALUES = 2000
 """Values from which percentiles are taken."""
 COMMON_CLOCK = "the listener's clock, each robot's by regression"
 
@@ -55,7 +64,7 @@ class PairClock:
 
 
 @dataclass(frozen=True)
-class Recovered:
+class RangedRecording:
     """A recording with ranges and odometry in place of packets."""
 
     recording: Recording
@@ -69,9 +78,12 @@ class Recovered:
     clocks: Mapping[tuple[str, str], PairClock]
 
 
-def recover(
-    recording: Recording, method: Method = "auto", length: int = 1, sigma: float | None = None
-) -> Recovered:
+def range_packets(
+    recording: Recording,
+    method: RangingMethod = "auto",
+    length: int = 1,
+    sigma: float | None = None,
+) -> RangedRecording:
     """Range a recording of packets.
 
     `length` > 1 smooths as Shi does; `sigma` is the noise of a receive stamp (s) where it is
@@ -83,32 +95,32 @@ def recover(
         raise CltError("no UWB packets found on /ROBOT/uwb/frame; nothing to range")
     if len(team.robots) < 2:
         raise CltError(f"UWB packets of {team.names[0]} alone: nobody to range with")
-    network = unwrap(frames)
+    network = unwrap_packets(frames)
     R = stamp_variance(network, sigma)
-    dt = period(network, frames.stamp)
+    dt = packet_period(network, frames.stamp)
     chosen, measured, rejected, why = _choose(network, R, _wander(team), method, dt)
     if measured.row.size == 0:
         raise CltError(
             f"{frames.stamp.size} UWB packets give no range: no two robots heard each other's "
             "packets in turn"
         )
-    times = departures(frames.source, network.sent, frames.stamp)
+    times = departure_times(frames.source, network.sent, frames.stamp)
     ranges = _ranges(frames, network, measured, times)
     tau = _correlation_time(R, measured, dt) if chosen == "clock" else 0.0
     if length > 1:
-        ranges, tau = smooth(ranges, len(team.robots), length, tau)
+        ranges, tau = smooth_ranges(ranges, len(team.robots), length, tau)
     carried = {
-        robot.name: odometry(frames, network, times, index)
+        robot.name: odometry_from_packets(frames, network, times, index)
         for index, robot in enumerate(team.robots)
     }
     told = {name: stream for name, stream in carried.items() if stream is not None}
-    return Recovered(
+    return RangedRecording(
         replace(
             recording,
-            team=replace(team, range_correlation=min(tau, LONGEST)),
+            team=replace(team, range_correlation=min(tau, MAX_CORRELATION_TIME_S)),
             odometry={**told, **recording.odometry},
             ranges=ranges,
-            frames=no_frames(),
+            frames=no_uwb_packets(),
         ),
         chosen,
         why,
@@ -119,40 +131,45 @@ def recover(
 
 
 def _choose(
-    network: Network, R: Floats, wander: Floats, method: Method, dt: float
-) -> tuple[Literal["clock", "double-sided"], Measured, Indices, str]:
+    network: LinkedPackets, R: Floats, wander: Floats, method: RangingMethod, dt: float
+) -> tuple[Literal["clock", "double-sided"], MeasuredRanges, Indices, str]:
     """Range by the method asked for, else by the one whose ranges are surer."""
     if method == "clock":
-        return "clock", *clock.run(network, R), "as asked"
+        return "clock", *clock.range_by_clock_filters(network, R), "as asked"
     if method == "double-sided":
-        return "double-sided", *double_sided.run(network, R, wander), "as asked"
-    head = Network(*(column[:HEAD] for column in network))
-    filters, both = clock.run(head, R)[0], double_sided.run(head, R, wander)[0]
+        return "double-sided", *double_sided.range_double_sided(network, R, wander), "as asked"
+    head = LinkedPackets(*(column[:TRIAL_PACKETS] for column in network))
+    filters, both = (
+        clock.range_by_clock_filters(head, R)[0],
+        double_sided.range_double_sided(head, R, wander)[0],
+    )
     one, two = _typical(filters.sigma), _typical(both.sigma)
     told = (
         f"at {1.0 / dt:.3g} frames/s clock filters promise {100 * one:.2g} cm, "
         f"double-sided ranging {100 * two:.2g} cm"
     )
-    if one < CLEARLY * two:
-        return "clock", *clock.run(network, R), told
+    if one < MAX_CLOCK_SIGMA_SHARE * two:
+        return "clock", *clock.range_by_clock_filters(network, R), told
     if one < two:
         told += ", whose errors do not correlate in time"
-    return "double-sided", *double_sided.run(network, R, wander), told
+    return "double-sided", *double_sided.range_double_sided(network, R, wander), told
 
 
 def _wander(team: Team) -> Floats:
     """Random walk of the rate of each pair's time of flight, 1/s; robots that stand have none."""
     static = np.array([robot.static for robot in team.robots])
-    return np.where(static[:, None] & static, 0.0, MOTION * SKEW_WALK)
+    return np.where(static[:, None] & static, 0.0, MOTION_SHARE * SKEW_WALK)
 
 
 def _typical(sigma: Floats) -> float:
     return float(np.median(sigma)) if sigma.size > 0 else np.inf
 
 
-def _ranges(frames: Frames, network: Network, found: Measured, times: Stamps) -> Ranges:
+def _ranges(
+    frames: UwbPackets, network: LinkedPackets, found: MeasuredRanges, times: Stamps
+) -> Ranges:
     """Columns sorted by stamp; a robot counts its packets times its partners."""
-    stamp = earlier(times[found.packet], network.sent[found.packet], found.instant)
+    stamp = listener_times(times[found.packet], network.sent[found.packet], found.instant)
     partners = network.row.shape[1] - 1 - found.source
     sequence = frames.sequence[found.packet] * partners + (found.target - found.source - 1)
     order = np.argsort(stamp, kind="stable")
@@ -170,19 +187,19 @@ def _ranges(frames: Frames, network: Network, found: Measured, times: Stamps) ->
 
 
 def _rounded(length: Floats) -> Floats:
-    """To GRAIN: digits that mean nothing are zeros, which take no room in a log."""
-    return np.asarray(np.rint(length / GRAIN) * GRAIN)
+    """To RANGE_RESOLUTION_M: digits that mean nothing are zeros, which take no room in a log."""
+    return np.asarray(np.rint(length / RANGE_RESOLUTION_M) * RANGE_RESOLUTION_M)
 
 
-def _correlation_time(R: Floats, found: Measured, dt: float) -> float:
+def _correlation_time(R: Floats, found: MeasuredRanges, dt: float) -> float:
     """Of the errors that filters leave, median over the ranges, s."""
     a, b = found.source, found.target
-    white = SPEED**2 * 0.25 * (R[a, b] + R[b, a])
-    return correlation_time(1.0, float(np.median(found.sigma**2 / white)), dt)
+    white = RADIO_SPEED**2 * 0.25 * (R[a, b] + R[b, a])
+    return equivalent_correlation_time(1.0, float(np.median(found.sigma**2 / white)), dt)
 
 
 def _clocks(
-    names: tuple[str, ...], found: Measured, rejected: Indices, R: Floats
+    names: tuple[str, ...], found: MeasuredRanges, rejected: Indices, R: Floats
 ) -> dict[tuple[str, str], PairClock]:
     """Clock parameters of every pair that has ranges."""
     clocks = {}
@@ -191,7 +208,7 @@ def _clocks(
             own = np.flatnonzero((found.source == a) & (found.target == b))
             if own.size == 0:
                 continue
-            skew = found.skew[own[:: 1 + own.size // ENOUGH]]
+            skew = found.skew[own[:: 1 + own.size // PERCENTILE_VALUES]]
             low, middle, high = (float(value) for value in np.percentile(skew, [5, 50, 95]))
             clocks[names[a], names[b]] = PairClock(
                 int(own.size),

@@ -11,10 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 from clt.core.recording import Floats, Ranges
-from clt.ranging.noise import correlation_time
+from clt.ranging.noise import equivalent_correlation_time
 
 
-def smooth(ranges: Ranges, robots: int, length: int, tau: float) -> tuple[Ranges, float]:
+def smooth_ranges(ranges: Ranges, robots: int, length: int, tau: float) -> tuple[Ranges, float]:
     """Each range replaced by the weighted mean of the pair's latest `length` (fewer at first).
 
     `tau` is the correlation time (s) of the errors; returns also that of the means, as the pair
@@ -28,13 +28,15 @@ def smooth(ranges: Ranges, robots: int, length: int, tau: float) -> tuple[Ranges
         period = float(np.median(np.diff(ranges.stamp[rows]))) * 1e-9 if rows.size > 1 else 0.0
         rho = float(np.exp(-period / tau)) if tau > 0.0 and period > 0.0 else 0.0
         longest = min(length, rows.size)
-        factors = variances(longest, rho)
+        factors = smoothed_variances(longest, rho)
         count = np.minimum(np.arange(rows.size), longest - 1)
         value[rows] = _means(ranges.range[rows], longest)
         sigma[rows] = ranges.sigma[rows] * np.sqrt(factors[count])
         if rows.size > most and period > 0.0:
             most = rows.size
-            after = correlation_time((1.0 + rho) / (1.0 - rho), float(factors[-1]), period)
+            after = equivalent_correlation_time(
+                (1.0 + rho) / (1.0 - rho), float(factors[-1]), period
+            )
     return replace(ranges, range=value, raw=value, sigma=sigma), after
 
 
@@ -44,7 +46,7 @@ def _weights(length: int) -> Floats:
     return np.asarray(falling / falling.sum())
 
 
-def variances(longest: int, rho: float) -> Floats:
+def smoothed_variances(longest: int, rho: float) -> Floats:
     """Of the means of 1 .. longest unit errors whose correlation is rho ** lag, shape (longest,).
 
     With unnormalized weights k = 1, 2, ... from the oldest on, one more error of weight n adds

@@ -10,21 +10,21 @@ PHASE_WALK = 1e-22
 """S_b, s."""
 SKEW_WALK = (5e-9) ** 2
 """S_g, 1/s: oscillators wander by 1e-10, motion asks for the rest."""
-MOTION = 0.1
+MOTION_SHARE = 0.1
 """Share of S_g that ordinary driving uses."""
 UNKNOWN_SKEW = (40e-6) ** 2
 """Variance of a skew of which nothing is known."""
-GATE = 25.0
+NIS_GATE = 25.0
 """An observation with a larger normalized innovation squared is rejected ..."""
-PATIENCE = 10
+MAX_REJECTIONS = 10
 """... but after so many in a row the filter starts anew."""
-SETTLED = 1e-12
+SETTLED_SKEW_VARIANCE = 1e-12
 """Variance of the skew below which the gate works."""
-WORST = 3.0
+MAX_SIGMA_RATIO = 3.0
 """A range is given where its sigma is at most so many times that of two unfiltered stamps."""
 
 
-class Filters(NamedTuple):
+class ClockFilters(NamedTuple):
     """All filters, [receiver, sender]; times in seconds, references in ticks."""
 
     reference: Indices

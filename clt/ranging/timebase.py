@@ -9,17 +9,17 @@ from __future__ import annotations
 import numpy as np
 
 from clt.core.recording import Floats, Indices, Stamps
-from clt.core.ticks import HZ
+from clt.core.ticks import TICKS_PER_SECOND
 
-BLOCK = 5e9
+AVERAGING_BLOCK_NS = 5e9
 """Packets of so many ns are averaged; between the averages time runs straight."""
-JUMP = 1e8
+MAX_STAMP_STEP_NS = 1e8
 """A step (ns) between both clocks from one packet to the next that is no jitter."""
-NANOSECONDS = 1e9 / HZ
+NS_PER_TICK = 1e9 / TICKS_PER_SECOND
 """Of one tick."""
 
 
-def departures(source: Indices, sent: Indices, stamp: Stamps) -> Stamps:
+def departure_times(source: Indices, sent: Indices, stamp: Stamps) -> Stamps:
     """When each packet left, on the listener's clock, ns, shape (n,).
 
     `sent` are ticks of each sender's endless clock, `stamp` is when the listener heard it, ns.
@@ -27,10 +27,10 @@ def departures(source: Indices, sent: Indices, stamp: Stamps) -> Stamps:
     times = np.empty_like(stamp)
     for robot in np.unique(source):
         own = np.flatnonzero(source == robot)
-        elapsed = np.rint((sent[own] - sent[own[0]]) * NANOSECONDS).astype(np.int64)
+        elapsed = np.rint((sent[own] - sent[own[0]]) * NS_PER_TICK).astype(np.int64)
         ahead = (stamp[own] - stamp[own[0]]) - elapsed
         for piece in np.split(
-            np.arange(own.size), np.flatnonzero(np.abs(np.diff(ahead)) > JUMP) + 1
+            np.arange(own.size), np.flatnonzero(np.abs(np.diff(ahead)) > MAX_STAMP_STEP_NS) + 1
         ):
             first = ahead[piece[0]]
             drift = _straightened(
@@ -42,12 +42,12 @@ def departures(source: Indices, sent: Indices, stamp: Stamps) -> Stamps:
     return times
 
 
-def earlier(times: Stamps, sent: Indices, ticks: Indices) -> Stamps:
+def listener_times(times: Stamps, sent: Indices, ticks: Indices) -> Stamps:
     """Listener's time (ns) of readings `ticks` near packets that left at `sent` and `times`.
 
     The skew of the sender is left out: 20 us for a reading a second away.
     """
-    return np.asarray(times - np.rint((sent - ticks) * NANOSECONDS).astype(np.int64))
+    return np.asarray(times - np.rint((sent - ticks) * NS_PER_TICK).astype(np.int64))
 
 
 def _straightened(elapsed: Floats, ahead: Floats) -> Floats:
@@ -55,7 +55,7 @@ def _straightened(elapsed: Floats, ahead: Floats) -> Floats:
     span = elapsed[-1] - elapsed[0]
     if span <= 0.0:
         return ahead
-    blocks = max(2, int(span / BLOCK))
+    blocks = max(2, int(span / AVERAGING_BLOCK_NS))
     number = np.minimum((elapsed - elapsed[0]) * (blocks / span), blocks - 1).astype(np.int64)
     first = np.flatnonzero(np.diff(number, prepend=-1))
     size = np.diff(np.append(first, elapsed.size))

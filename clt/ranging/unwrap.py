@@ -6,15 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Frames, Indices, Stamps
-from clt.core.ticks import HZ, SPAN, difference
-from clt.jit.kept import Kept
-from clt.ranging.link import MEMORY
+from clt.core.recording import Indices, Stamps, UwbPackets
+from clt.core.ticks import COUNTER_PERIOD_TICKS, TICKS_PER_SECOND, tick_difference
+from clt.jit.kept import CachedKernel
+from clt.ranging.link import REMEMBERED_PACKETS
 
-LINK = Kept("clt.ranging.link", "link")
+LINK_KERNEL = CachedKernel("clt.ranging.link", "link")
 
 
-class Network(NamedTuple):
+class LinkedPackets(NamedTuple):
     """Packets of n rows in the order of their stamps, of a team of r robots."""
 
     source: Indices
@@ -28,31 +28,31 @@ class Network(NamedTuple):
     Only there does `received` mean anything."""
 
 
-def unwrap(frames: Frames) -> Network:
+def unwrap_packets(frames: UwbPackets) -> LinkedPackets:
     """Lay packets out for ranging; a gap of any length is bridged by the listener's stamps."""
     sent = np.empty_like(frames.transmit)
     for robot in np.unique(frames.source):
         own = frames.source == robot
-        sent[own] = endless(frames.transmit[own], frames.stamp[own])
-    received = before(frames.transmit[:, None], frames.receive, sent[:, None])
+        sent[own] = unwrap_counter(frames.transmit[own], frames.stamp[own])
+    received = unwrap_earlier(frames.transmit[:, None], frames.receive, sent[:, None])
     robots = frames.heard.shape[1]
     row = np.full(frames.heard.shape, -1)
-    known, told = np.full((robots, MEMORY), -1), np.full((robots, robots), -1)
-    LINK(frames.source, frames.sequence, frames.stamp, frames.heard, row, known, told)
-    return Network(frames.source, sent, received, row)
+    known, told = np.full((robots, REMEMBERED_PACKETS), -1), np.full((robots, robots), -1)
+    LINK_KERNEL(frames.source, frames.sequence, frames.stamp, frames.heard, row, known, told)
+    return LinkedPackets(frames.source, sent, received, row)
 
 
-def endless(ticks: Indices, stamp: Stamps) -> Indices:
+def unwrap_counter(ticks: Indices, stamp: Stamps) -> Indices:
     """Readings of one counter without its wraps, shape (n,); stamps (ns) tell how many it made.
 
     Right as long as stamps and counter agree to half a turn, 8.6 s, from one row to the next.
     """
-    step = difference(ticks[1:], ticks[:-1])
-    expected = np.diff(stamp) * (HZ / 1e9)
-    turns = np.rint((expected - step) / SPAN).astype(np.int64)
-    return np.concatenate([ticks[:1], ticks[:1] + np.cumsum(step + SPAN * turns)])
+    step = tick_difference(ticks[1:], ticks[:-1])
+    expected = np.diff(stamp) * (TICKS_PER_SECOND / 1e9)
+    turns = np.rint((expected - step) / COUNTER_PERIOD_TICKS).astype(np.int64)
+    return np.concatenate([ticks[:1], ticks[:1] + np.cumsum(step + COUNTER_PERIOD_TICKS * turns)])
 
 
-def before(ticks: Indices, earlier: Indices, endless_ticks: Indices) -> Indices:
+def unwrap_earlier(ticks: Indices, earlier: Indices, endless_ticks: Indices) -> Indices:
     """Endless time of readings `earlier`, at most one turn before `ticks`."""
-    return np.asarray(endless_ticks - ((ticks - earlier) & (SPAN - 1)))
+    return np.asarray(endless_ticks - ((ticks - earlier) & (COUNTER_PERIOD_TICKS - 1)))

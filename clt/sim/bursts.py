@@ -9,17 +9,17 @@ from clt.sim.sensors import SECOND
 from clt.sim.settings import Outliers
 
 
-def excess(outliers: Outliers, stamps: Stamps, draw: np.random.Generator) -> Floats:
+def outlier_excess(outliers: Outliers, stamps: Stamps, draw: np.random.Generator) -> Floats:
     """What outliers add to one pair's ranges at stamps (ns since the start), m, shape (n,)."""
     if outliers.share == 0.0 or len(stamps) == 0:
         return np.zeros(len(stamps))
     if outliers.burst == 0.0:
         chance, height = draw.random(len(stamps)), draw.exponential(1.0, len(stamps))
         return np.where(chance < outliers.share, outliers.mean * height, 0.0)
-    return outliers.mean * bursts(outliers.share, outliers.burst, stamps, draw)
+    return outliers.mean * burst_heights(outliers.share, outliers.burst, stamps, draw)
 
 
-def bursts(share: float, length: float, stamps: Stamps, draw: np.random.Generator) -> Floats:
+def burst_heights(share: float, length: float, stamps: Stamps, draw: np.random.Generator) -> Floats:
     """Bursts and gaps of exponential length (mean of a burst: `length` s) in turn, shape (n,).
 
     The height of the burst at each stamp (ns since the start; the last is the latest), one

@@ -8,10 +8,10 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from clt.core.settings import Settings
-from clt.sim.values import NonNegative, Number, Positive, off
+from clt.sim.values import NonNegative, Number, Positive, imperfection
 
 
-class Wander(Settings):
+class WanderDrive(Settings):
     """Random smooth driving inside `team.area`."""
 
     kind: Literal["wander"] = "wander"
@@ -30,7 +30,7 @@ class Wander(Settings):
     """A robot nearly stops this far from a wall, m."""
 
 
-class Segment(Settings):
+class DriveSegment(Settings):
     """Driving with a constant twist."""
 
     duration: Positive
@@ -38,17 +38,17 @@ class Segment(Settings):
     omega: Number
 
 
-class Segments(Settings):
+class SegmentsDrive(Settings):
     """One constant twist after the other, joined by linear ramps; then the last twist goes on."""
 
     kind: Literal["segments"] = "segments"
-    segments: Annotated[tuple[Segment, ...], Field(min_length=1)]
+    segments: Annotated[tuple[DriveSegment, ...], Field(min_length=1)]
     """Tables with duration in s, v in m/s and omega in rad/s."""
     ramp: Positive = 0.5
     """The twist changes linearly over the first `ramp` of a segment, s; it starts at rest."""
     repeat: bool = False
     """After the last segment comes the first one again."""
-    turn_radius: Positive | None = off(None)
+    turn_radius: Positive | None = imperfection(None)
     """A car's, m: no tighter turn is accepted. Curvature changes over a ramp: so long
     a car steers."""
 
@@ -77,7 +77,7 @@ class Segments(Settings):
         return self
 
 
-class Circle(Settings):
+class CircleDrive(Settings):
     """Constant speed on a circle around the middle of the area, or leftwards from the start."""
 
     kind: Literal["circle"] = "circle"
@@ -89,24 +89,26 @@ class Circle(Settings):
     """Which way the circle turns."""
 
 
-class Stand(Settings):
+class StandDrive(Settings):
     """Standing still, wheels turning not."""
 
     kind: Literal["stand"] = "stand"
 
 
-class Phase(Settings):
+class DrivePhase(Settings):
     """One part of a sequence."""
 
     duration: Positive
-    drive: Annotated[Wander | Segments | Circle | Stand, Field(discriminator="kind")]
+    drive: Annotated[
+        WanderDrive | SegmentsDrive | CircleDrive | StandDrive, Field(discriminator="kind")
+    ]
 
 
-class Sequence(Settings):
+class SequenceDrive(Settings):
     """One kind of driving after the other; the last goes on."""
 
     kind: Literal["sequence"] = "sequence"
-    phases: Annotated[tuple[Phase, ...], Field(min_length=1)]
+    phases: Annotated[tuple[DrivePhase, ...], Field(min_length=1)]
     """Tables with duration in s and the drive: a table of another kind."""
     ramp: Positive = 0.5
     """Every phase begins and ends at rest: time for braking, and for joining a circle, s."""
@@ -115,4 +117,7 @@ class Sequence(Settings):
     the walls, m."""
 
 
-Trajectory = Annotated[Wander | Segments | Circle | Stand | Sequence, Field(discriminator="kind")]
+Trajectory = Annotated[
+    WanderDrive | SegmentsDrive | CircleDrive | StandDrive | SequenceDrive,
+    Field(discriminator="kind"),
+]

@@ -9,70 +9,74 @@ from itertools import islice
 import numpy as np
 
 from clt.core.trig import cos_sin
-from clt.sim.drives import Circle, Segments, Sequence, Stand, Wander
-from clt.sim.rng import Purpose, stream
+from clt.sim.drives import CircleDrive, SegmentsDrive, SequenceDrive, StandDrive, WanderDrive
+from clt.sim.rng import Purpose, random_stream
 from clt.sim.scenario import Scenario
-from clt.sim.sequence import sequence, start_with_room
+from clt.sim.sequence import drive_sequence, start_with_room
 from clt.sim.team import Member
-from clt.sim.trajectory import Floats, Path, drive, refined
+from clt.sim.trajectory import DrivenPath, Floats, path_of_twists, refine_knots
 from clt.sim.values import Pose
-from clt.sim.wander import wander
+from clt.sim.wander import drive_wander
 
-TRIES = 10_000
+MAX_START_TRIES = 10_000
 """Starts that are tried for a sequence before the area is called too small."""
 
 
-def paths(scenario: Scenario, team: Row[Member]) -> dict[str, Path]:
+def drive_paths(scenario: Scenario, team: Row[Member]) -> dict[str, DrivenPath]:
     """Paths over the scenario's duration by robot name; static robots have none."""
     moving = [member for member in team if not member.robot.static]
     return {member.robot.name: _path(scenario, member, len(moving)) for member in moving}
 
 
-def _path(scenario: Scenario, member: Member, n: int) -> Path:
+def _path(scenario: Scenario, member: Member, n: int) -> DrivenPath:
     """The drive of one of n moving robots: its own kind, else the team's."""
     kind = scenario.trajectory if member.table.trajectory is None else member.table.trajectory
     end = scenario.duration
-    if isinstance(kind, Sequence):
+    if isinstance(kind, SequenceDrive):
         return _sequence(scenario, kind, member)
     start = _start(scenario, member)
-    if isinstance(kind, Circle) and member.table.start is None:
+    if isinstance(kind, CircleDrive) and member.table.start is None:
         start = _on_circle(scenario, kind, 2.0 * np.pi * member.order / n)
-    return _drive(scenario, kind, end, start, stream(scenario.seed, Purpose.WANDER, member.order))
+    return _drive(
+        scenario, kind, end, start, random_stream(scenario.seed, Purpose.WANDER, member.order)
+    )
 
 
 def _drive(
     scenario: Scenario,
-    kind: Wander | Segments | Circle | Stand,
+    kind: WanderDrive | SegmentsDrive | CircleDrive | StandDrive,
     end: float,
     start: Pose,
     draw: np.random.Generator,
-) -> Path:
+) -> DrivenPath:
     """A drive of one kind from a pose until `end`."""
-    if isinstance(kind, Wander):
-        return wander(kind, scenario.team.area, end, start, draw)
-    if isinstance(kind, Segments):
-        return drive(*refined(*_segments(kind, end)), start)
+    if isinstance(kind, WanderDrive):
+        return drive_wander(kind, scenario.team.area, end, start, draw)
+    if isinstance(kind, SegmentsDrive):
+        return path_of_twists(*refine_knots(*_segments(kind, end)), start)
     v, omega = 0.0, 0.0
-    if isinstance(kind, Circle):
+    if isinstance(kind, CircleDrive):
         v, omega = kind.speed, kind.speed / kind.radius * (1.0 if kind.turn == "left" else -1.0)
-    return drive(*refined(np.array([0.0, end]), np.full(2, v), np.full(2, omega)), start)
+    return path_of_twists(
+        *refine_knots(np.array([0.0, end]), np.full(2, v), np.full(2, omega)), start
+    )
 
 
-def _sequence(scenario: Scenario, kind: Sequence, member: Member) -> Path:
+def _sequence(scenario: Scenario, kind: SequenceDrive, member: Member) -> DrivenPath:
     """A drive of several kinds."""
     area = scenario.team.area
 
-    def one(index: int, seconds: float, pose: Pose) -> Path:
-        draw = stream(scenario.seed, Purpose.WANDER, member.order, index)
+    def one(index: int, seconds: float, pose: Pose) -> DrivenPath:
+        draw = random_stream(scenario.seed, Purpose.WANDER, member.order, index)
         return _drive(scenario, kind.phases[index].drive, seconds, pose, draw)
 
     start = member.table.start
     if start is None:
-        start = start_with_room(kind, area, islice(_starts(scenario, member), TRIES), one)
-    return sequence(kind, area, scenario.duration, start, one)
+        start = start_with_room(kind, area, islice(_starts(scenario, member), MAX_START_TRIES), one)
+    return drive_sequence(kind, area, scenario.duration, start, one)
 
 
-def _segments(kind: Segments, end: float) -> tuple[Floats, Floats, Floats]:
+def _segments(kind: SegmentsDrive, end: float) -> tuple[Floats, Floats, Floats]:
     """Knots of ramps and constant twists until `end`."""
     t, v, omega = [0.0], [0.0], [0.0]
     begin, index = 0.0, 0
@@ -88,7 +92,7 @@ def _segments(kind: Segments, end: float) -> tuple[Floats, Floats, Floats]:
     return np.array(t)[keep], np.array(v)[keep], np.array(omega)[keep]
 
 
-def _on_circle(scenario: Scenario, kind: Circle, phase: float) -> Pose:
+def _on_circle(scenario: Scenario, kind: CircleDrive, phase: float) -> Pose:
     """A start on the circle around the middle of the area, along its tangent."""
     area = scenario.team.area
     cos, sin = (float(value) for value in cos_sin(np.array(phase)))
@@ -110,7 +114,7 @@ def _start(scenario: Scenario, member: Member) -> Pose:
 def _starts(scenario: Scenario, member: Member) -> Iterator[Pose]:
     """Starts at random in the inner four fifths of the area."""
     area = scenario.team.area
-    draw = stream(scenario.seed, Purpose.START, member.order)
+    draw = random_stream(scenario.seed, Purpose.START, member.order)
     while True:
         x, y, turn = draw.random(3)
         yield (

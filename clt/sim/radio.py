@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from clt.core.errors import UsageError
 from clt.core.recording import Floats, Indices, Stamps
-from clt.core.ticks import HZ, SPEED
-from clt.sim.clock import Clock, wrapped
+from clt.core.ticks import RADIO_SPEED, TICKS_PER_SECOND
+from clt.sim.clock import RadioClock, wrap_counter
 from clt.sim.settings import Radio
 
-MOST_ROBOTS = 17
+MAX_ROBOTS = 17
 """A packet tells of at most 16 neighbours."""
-USUAL_SLOT = 0.001
+DEFAULT_SLOT_S = 0.001
 SECOND = 1_000_000_000
 
 
@@ -38,45 +38,51 @@ class Departures:
     @property
     def stamp(self) -> Stamps:
         """True time since the start, ns."""
-        whole, part = self.base // HZ, self.base % HZ
-        return whole * SECOND + np.rint((part + self.rest) * (SECOND / HZ)).astype(np.int64)
+        whole, part = self.base // TICKS_PER_SECOND, self.base % TICKS_PER_SECOND
+        return whole * SECOND + np.rint((part + self.rest) * (SECOND / TICKS_PER_SECOND)).astype(
+            np.int64
+        )
 
 
-def schedule(radio: Radio, robots: int, duration: float) -> Indices:
+def schedule_packets(radio: Radio, robots: int, duration: float) -> Indices:
     """When packets are planned, true ticks, shape (frames, robots).
 
     Raises UsageError for a network that cannot be: too many robots, or slots too long.
     """
-    if robots > MOST_ROBOTS:
-        raise UsageError(f"radio: {robots} robots; a network holds at most {MOST_ROBOTS}")
-    slot = min(USUAL_SLOT, 1.0 / (radio.rate * robots)) if radio.slot is None else radio.slot
+    if robots > MAX_ROBOTS:
+        raise UsageError(f"radio: {robots} robots; a network holds at most {MAX_ROBOTS}")
+    slot = min(DEFAULT_SLOT_S, 1.0 / (radio.rate * robots)) if radio.slot is None else radio.slot
     if slot * robots * radio.rate > 1.0 + 1e-9:
         raise UsageError(
             f"radio.slot: {robots} slots of {slot:g} s do not fit a frame of {1 / radio.rate:g} s"
         )
     frames = int((duration - slot * (robots - 1)) * radio.rate + 1e-9)
-    begin = np.rint(np.arange(1, max(frames, 0) + 1) * (HZ / radio.rate)).astype(np.int64)
-    return np.asarray(begin[:, None] + np.rint(np.arange(robots) * (slot * HZ)).astype(np.int64))
+    begin = np.rint(np.arange(1, max(frames, 0) + 1) * (TICKS_PER_SECOND / radio.rate)).astype(
+        np.int64
+    )
+    return np.asarray(
+        begin[:, None] + np.rint(np.arange(robots) * (slot * TICKS_PER_SECOND)).astype(np.int64)
+    )
 
 
-def depart(clocks: Sequence[Clock], planned: Indices) -> list[Departures]:
+def send_packets(clocks: Sequence[RadioClock], planned: Indices) -> list[Departures]:
     """When the packets leave, robot by robot."""
     return [
         Departures(*clock.send(column)) for clock, column in zip(clocks, planned.T, strict=True)
     ]
 
 
-def arrivals(sent: Departures, clock: Clock, path: Floats, late: Floats) -> Indices:
+def arrival_stamps(sent: Departures, clock: RadioClock, path: Floats, late: Floats) -> Indices:
     """The receiver's stamps of packets, ticks unwrapped, shape (k,).
 
     `path` is the distance that each packet travels, m; `late` what noise, antennas and obstacles
     add to the stamp, s.
     """
-    base, rest = clock.read(sent.base, sent.rest + path * (HZ / SPEED))
-    return base + np.rint(rest + late * HZ).astype(np.int64)
+    base, rest = clock.read(sent.base, sent.rest + path * (TICKS_PER_SECOND / RADIO_SPEED))
+    return base + np.rint(rest + late * TICKS_PER_SECOND).astype(np.int64)
 
 
-def since_own_packet(
+def reported_receptions(
     stamps: Indices, heard: NDArray[np.bool_], later: NDArray[np.bool_]
 ) -> tuple[Indices, Indices]:
     """What each robot's packets tell of the others: receive stamps and sequence numbers.
@@ -87,7 +93,7 @@ def since_own_packet(
     """
     shape = stamps.shape
     number = np.broadcast_to(np.arange(shape[0])[:, None, None], shape)
-    ticks, sequence = np.where(heard, wrapped(stamps), -1), np.where(heard, number, -1)
+    ticks, sequence = np.where(heard, wrap_counter(stamps), -1), np.where(heard, number, -1)
     none = np.full((1, *shape[1:]), -1)
     before = [np.concatenate([none, column[:-1]]) for column in (ticks, sequence)]
     return np.where(later, before[0], ticks), np.where(later, before[1], sequence)

@@ -6,15 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.core.recording import Floats, Indices, Ranges, Stamps, no_ranges
-from clt.sim.bursts import excess
-from clt.sim.ranging import Pair, antenna, distance
-from clt.sim.rng import Purpose, stream
-from clt.sim.scene import Scene, pair_key
-from clt.sim.sensors import DECIMALS, sampling
-from clt.sim.transport import stamped, transport
+from clt.sim.bursts import outlier_excess
+from clt.sim.ranging import IndexPair, antenna_points, point_distances
+from clt.sim.rng import Purpose, random_stream
+from clt.sim.scene import SimulationInput, pair_stream_key
+from clt.sim.sensors import DECIMALS, sample_times
+from clt.sim.transport import deliver_messages, robot_clock_stamps
 
 
-def ranges(scene: Scene) -> Ranges:
+def simulate_ranges(scene: SimulationInput) -> Ranges:
     """The ranges of all pairs by stamp, then in the order of the pairs."""
     stamps = [_stamps(scene, pair) for pair in scene.pairs]
     if sum(map(len, stamps)) == 0:
@@ -22,10 +22,10 @@ def ranges(scene: Scene) -> Ranges:
     kept, stamp, log_time, value = [], [], [], []
     for pair, when, true in zip(scene.pairs, stamps, _distances(scene, stamps), strict=True):
         measured, heard = _measured(scene, pair, true, when)
-        purpose = (int(Purpose.RANGE), *pair_key(scene, pair))
+        purpose = (int(Purpose.RANGE), *pair_stream_key(scene, pair))
         host = scene.members[pair[0]]
-        arrival, through = transport(scene.scenario, host, when, purpose)
-        stamp.append(stamped(scene.scenario, host, when))
+        arrival, through = deliver_messages(scene.scenario, host, when, purpose)
+        stamp.append(robot_clock_stamps(scene.scenario, host, when))
         log_time.append(arrival)
         value.append(measured)
         kept.append(heard & through)
@@ -45,19 +45,19 @@ def ranges(scene: Scene) -> Ranges:
     )
 
 
-def _stamps(scene: Scene, pair: Pair) -> Stamps:
+def _stamps(scene: SimulationInput, pair: IndexPair) -> Stamps:
     """When one pair measures, ns since the start."""
     scenario = scene.scenario
     sensor, rate, early = scenario.sensors.range, scenario.sensors.range.rate, 0.0
     if sensor.phase == "random" or sensor.rate_spread > 0.0:
-        key = (int(Purpose.RANGE), *pair_key(scene, pair))
-        phase, pace = stream(scenario.seed, Purpose.PHASE, *key).random(2)
+        key = (int(Purpose.RANGE), *pair_stream_key(scene, pair))
+        phase, pace = random_stream(scenario.seed, Purpose.PHASE, *key).random(2)
         rate *= 1.0 + sensor.rate_spread * (2.0 * pace - 1.0)
         early = phase if sensor.phase == "random" else 0.0
-    return sampling(rate, scenario.duration, early)
+    return sample_times(rate, scenario.duration, early)
 
 
-def _distances(scene: Scene, stamps: list[Stamps]) -> list[Floats]:
+def _distances(scene: SimulationInput, stamps: list[Stamps]) -> list[Floats]:
     """True distance of each pair's antennas at its stamps, m; pairs in step share the work."""
     found: dict[tuple[int, bytes], tuple[Floats, Floats]] = {}
     result = []
@@ -67,20 +67,22 @@ def _distances(scene: Scene, stamps: list[Stamps]) -> list[Floats]:
             key = (end, when.tobytes())
             if key not in found:
                 member = scene.members[end]
-                found[key] = antenna(scene.state(member, when), member.robot.antenna)
+                found[key] = antenna_points(scene.state(member, when), member.robot.antenna)
             spots.append(found[key])
-        result.append(distance(spots[0], spots[1]))
+        result.append(point_distances(spots[0], spots[1]))
     return result
 
 
 def _measured(
-    scene: Scene, pair: Pair, true: Floats, stamps: Stamps
+    scene: SimulationInput, pair: IndexPair, true: Floats, stamps: Stamps
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """One pair's ranges (m) and which of them were in reach."""
-    scenario, key = scene.scenario, pair_key(scene, pair)
+    scenario, key = scene.scenario, pair_stream_key(scene, pair)
     sensor = scenario.sensors.range
-    noise = stream(scenario.seed, Purpose.RANGE, *key).standard_normal(len(true))
-    late = excess(scenario.outliers, stamps, stream(scenario.seed, Purpose.OUTLIER, *key))
+    noise = random_stream(scenario.seed, Purpose.RANGE, *key).standard_normal(len(true))
+    late = outlier_excess(
+        scenario.outliers, stamps, random_stream(scenario.seed, Purpose.OUTLIER, *key)
+    )
     reach = np.inf if sensor.max_range is None else sensor.max_range
     return np.round(true + sensor.bias + late + sensor.sigma * noise, DECIMALS), true <= reach
 

@@ -9,15 +9,15 @@ import numpy as np
 
 from clt.core.errors import UsageError
 from clt.core.recording import Floats, Team
-from clt.core.settings import nearest
+from clt.core.settings import did_you_mean
 from clt.core.trig import cos_sin
 from clt.sim.settings import RangeSensor
-from clt.sim.trajectory import State
+from clt.sim.trajectory import MotionState
 
-Pair = tuple[int, int]
+IndexPair = tuple[int, int]
 
 
-def pairs(sensor: RangeSensor, team: Team) -> list[Pair]:
+def measuring_pairs(sensor: RangeSensor, team: Team) -> list[IndexPair]:
     """Indices of (measuring end, other end), in the order of their messages.
 
     Raises UsageError for a list that names a robot which the team has not, or twice.
@@ -34,7 +34,7 @@ def pairs(sensor: RangeSensor, team: Team) -> list[Pair]:
     return chosen if sensor.measured_by == "lower" else [(b, a) for a, b in chosen]
 
 
-def antenna(state: State, lever: tuple[float, float]) -> tuple[Floats, Floats]:
+def antenna_points(state: MotionState, lever: tuple[float, float]) -> tuple[Floats, Floats]:
     """Position (m) of an antenna that sits at `lever` in the body frame, shape (n,) each."""
     if lever == (0.0, 0.0):
         return state.x, state.y
@@ -45,18 +45,18 @@ def antenna(state: State, lever: tuple[float, float]) -> tuple[Floats, Floats]:
     )
 
 
-def distance(a: tuple[Floats, Floats], b: tuple[Floats, Floats]) -> Floats:
+def point_distances(a: tuple[Floats, Floats], b: tuple[Floats, Floats]) -> Floats:
     """Distance (m) between points given as coordinate arrays."""
     dx, dy = a[0] - b[0], a[1] - b[1]
     return np.asarray(np.sqrt(dx * dx + dy * dy))
 
 
-def _listed(names: Sequence[tuple[str, str]], team: Team) -> list[Pair]:
+def _listed(names: Sequence[tuple[str, str]], team: Team) -> list[IndexPair]:
     """The pairs of a list."""
     for pair in names:
         for name in pair:
             if name not in team.names:
-                hint = nearest(name, team.names)
+                hint = did_you_mean(name, team.names)
                 raise UsageError(f"sensors.range.pairs: no robot {name} in the team{hint}")
         if pair[0] == pair[1]:
             raise UsageError(f"sensors.range.pairs: {pair[0]} cannot measure itself")

@@ -33,7 +33,7 @@ class Purpose(IntEnum):
     BATCH = 17
 
 
-def stream(seed: int, purpose: Purpose, *key: int) -> np.random.Generator:
+def random_stream(seed: int, purpose: Purpose, *key: int) -> np.random.Generator:
     """The generator of one purpose and one key of small numbers."""
     return np.random.Generator(
         np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(purpose, *key)))

@@ -12,20 +12,20 @@ from pydantic import Field, model_validator
 
 from clt.core.document import Document
 from clt.core.errors import UsageError
-from clt.core.settings import Settings, assign, nearest, parse, read_toml
-from clt.sim.drives import Trajectory, Wander
+from clt.core.settings import Settings, did_you_mean, parse_settings, read_toml, set_dotted_key
+from clt.sim.drives import Trajectory, WanderDrive
 from clt.sim.settings import (
-    Communication,
-    Network,
+    CommunicationTable,
+    NetworkTable,
     Outliers,
     Radio,
     RobotTable,
     Sensors,
     TeamTable,
 )
-from clt.sim.values import off
+from clt.sim.values import imperfection
 
-BUILT_IN = resources.files("clt.sim.scenarios")
+BUILT_IN_SCENARIOS = resources.files("clt.sim.scenarios")
 
 
 class Scenario(Settings):
@@ -42,13 +42,13 @@ class Scenario(Settings):
     team: TeamTable
     robots: tuple[RobotTable, ...] = ()
     """Those that differ from the others, each in a table `[[robots]]` of a scenario file."""
-    trajectory: Trajectory = Wander()
+    trajectory: Trajectory = WanderDrive()
     sensors: Sensors = Sensors()
     outliers: Outliers = Outliers()
-    network: Network = Network()
+    network: NetworkTable = NetworkTable()
     radio: Radio | None = None
     """Absent: the log holds ranges. Present: raw packets of a UWB network instead."""
-    communication: Communication | None = off(None)
+    communication: CommunicationTable | None = imperfection(None)
     """Absent: the log does not tell how the robots talk to each other."""
 
     @model_validator(mode="after")
@@ -60,9 +60,9 @@ class Scenario(Settings):
         return self
 
 
-def built_in() -> list[str]:
+def built_in_names() -> list[str]:
     """Names of the scenarios that come with clt, sorted."""
-    names = (entry.name for entry in BUILT_IN.iterdir())
+    names = (entry.name for entry in BUILT_IN_SCENARIOS.iterdir())
     return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
@@ -76,13 +76,13 @@ def load_scenario(
     `environment` and, stronger, `overrides` are values by dotted key. Raises UsageError: no such
     scenario (the nearest is named), bad TOML, unknown or bad keys.
     """
-    tree = read_toml(source if isinstance(source, Document) else locate(source))
-    scenario = parse(Scenario, tree, str(source))
+    tree = read_toml(source if isinstance(source, Document) else locate_scenario(source))
+    scenario = parse_settings(Scenario, tree, str(source))
     for origin, layer in (("environment", environment), ("options", overrides)):
         if layer is not None and len(layer) > 0:
             for key, value in layer.items():
-                assign(tree, key, value)
-            scenario = parse(Scenario, tree, origin)
+                set_dotted_key(tree, key, value)
+            scenario = parse_settings(Scenario, tree, origin)
     return scenario
 
 
@@ -94,14 +94,14 @@ def effective_toml(scenario: Scenario) -> str:
     return tomli_w.dumps(scenario.model_dump(mode="json", exclude_none=True))
 
 
-def locate(source: str) -> Path:
+def locate_scenario(source: str) -> Path:
     """The file of a scenario, by name or path. Raises UsageError, the nearest name in it."""
-    names = built_in()
+    names = built_in_names()
     if source in names:
-        return Path(str(BUILT_IN / f"{source}.toml"))
+        return Path(str(BUILT_IN_SCENARIOS / f"{source}.toml"))
     path = Path(source)
     if path.exists():
         return path
     if path.suffix == ".toml" or len(path.parts) > 1:
         raise UsageError(f"{source}: no such scenario file")
-    raise UsageError(f"{source}: no such scenario{nearest(source, names)}")
+    raise UsageError(f"{source}: no such scenario{did_you_mean(source, names)}")

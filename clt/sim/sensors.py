@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.core.recording import Floats, Stamps
 from clt.sim.settings import TruthSensor
-from clt.sim.trajectory import State
+from clt.sim.trajectory import MotionState
 
 DECIMALS = 9
 SECOND = 1e9
 """Nanoseconds."""
 
 
-def sampling(rate: float, duration: float, early: float = 0.0) -> Stamps:
+def sample_times(rate: float, duration: float, early: float = 0.0) -> Stamps:
     """Times 1/rate, 2/rate, ... up to `duration` (s), in ns since the start.
 
     All come `early` by a share (0 <= early < 1) of a period. Each is rounded on its own, so equal
@@ -30,11 +30,11 @@ def sampling(rate: float, duration: float, early: float = 0.0) -> Stamps:
     return stamps[(stamps > 0) & (stamps <= round(duration * SECOND))]
 
 
-def reference(
-    sensor: TruthSensor, state: State, draw: np.random.Generator
+def measured_truth(
+    sensor: TruthSensor, state: MotionState, draw: np.random.Generator
 ) -> tuple[Floats, Floats, Floats]:
     """x, y (m) and heading (rad, wrapped) as the reference system gives them, shape (n,)."""
     noise = draw.standard_normal((len(state.x), 3))
     x, y = state.x + sensor.sigma * noise[:, 0], state.y + sensor.sigma * noise[:, 1]
     heading = state.heading + sensor.sigma_heading * noise[:, 2]
-    return np.round(x, DECIMALS), np.round(y, DECIMALS), wrap(np.round(heading, DECIMALS))
+    return np.round(x, DECIMALS), np.round(y, DECIMALS), wrap_angle(np.round(heading, DECIMALS))

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from clt.core.recording import Twist
+from clt.core.recording import TwistSampling
 from clt.core.settings import Settings
 from clt.sim.drives import Trajectory
 from clt.sim.values import (
@@ -20,14 +20,14 @@ from clt.sim.values import (
     Positive,
     Rate,
     Share,
-    off,
+    imperfection,
 )
 
 PairSet = Literal["all", "moving-static", "moving-moving"]
-Start = Literal["common", "random"]
+FirstSample = Literal["common", "random"]
 
 
-class Noise(Settings):
+class NoiseTable(Settings):
     """A robot's own odometry noise where it differs from the team's."""
 
     sigma_v: NonNegative | None = None
@@ -45,7 +45,7 @@ class RobotTable(Settings):
     """Pose (x, y, heading) of a moving robot at the start."""
     trajectory: Trajectory | None = None
     antenna: Point = (0.0, 0.0)
-    noise: Noise = Noise()
+    noise: NoiseTable = NoiseTable()
 
     @model_validator(mode="after")
     def role(self) -> Self:
@@ -98,7 +98,7 @@ class OdometrySensor(Settings):
     """Noise of one sample, m/s."""
     sigma_omega: NonNegative = 0.1
     """Noise of one sample, rad/s."""
-    twist: Twist = "mean"
+    twist: TwistSampling = "mean"
     """A sample is the mean over the interval that ends at its stamp, or an instant."""
     scale_v: Positive = 1.0
     """Measured over true v of every robot."""
@@ -106,16 +106,16 @@ class OdometrySensor(Settings):
     """Measured over true omega of every robot."""
     bias_omega: Number = 0.0
     """Measured omega of every robot at rest, rad/s."""
-    scale_sd: NonNegative = off(0.0)
+    scale_sd: NonNegative = imperfection(0.0)
     """Each robot's scales of v and of omega are off by errors of its own, relative; this is their
     standard deviation."""
-    bias_sd: NonNegative = off(0.0)
+    bias_sd: NonNegative = imperfection(0.0)
     """Standard deviation of each robot's own bias of omega, rad/s."""
-    at_rest: Share = off(1.0)
+    at_rest: Share = imperfection(1.0)
     """Share of noise and bias that is left while the wheels stand; the messages tell the noise."""
-    phase: Start = off("common")
+    phase: FirstSample = imperfection("common")
     """The first samples of all robots come after one period, or at random within it."""
-    gaps: Gaps = off(Gaps())
+    gaps: Gaps = imperfection(Gaps())
 
 
 class RangeSensor(Settings):
@@ -133,9 +133,9 @@ class RangeSensor(Settings):
     """The end that measures, by id, where `pairs` is not a list."""
     max_range: Positive | None = None
     """Pairs further apart do not hear each other, m."""
-    phase: Start = off("common")
+    phase: FirstSample = imperfection("common")
     """The first ranges of all pairs come after one period, or at random within it."""
-    rate_spread: Annotated[float, Field(ge=0.0, lt=1.0)] = off(0.0)
+    rate_spread: Annotated[float, Field(ge=0.0, lt=1.0)] = imperfection(0.0)
     """Each pair has a rate of its own, uniform between rate * (1 - this) and rate * (1 + this)."""
 
 
@@ -207,7 +207,7 @@ class Radio(Settings):
     oscillator: Oscillator = Oscillator()
 
 
-class Network(Settings):
+class NetworkTable(Settings):
     """The way of odometry and ranges from the robots that measured them to the recorder."""
 
     loss: Share = 0.0
@@ -217,20 +217,20 @@ class Network(Settings):
     delay_sd: NonNegative = 0.0
     """Standard deviation, s: delays are normal, cut off at zero, and every message's own, so that
     they overtake each other."""
-    batch: NonNegative = off(0.0)
+    batch: NonNegative = imperfection(0.0)
     """Period, s, at which a robot sends what it has gathered: a message waits for its end. Each
     robot's periods begin at a random time."""
-    clock_mean: Number = off(0.0)
+    clock_mean: Number = imperfection(0.0)
     """What a robot's clock is ahead of true time by on average, s."""
-    clock_sd: NonNegative = off(0.0)
+    clock_sd: NonNegative = imperfection(0.0)
     """A robot's clock, and so every stamp of its messages, is ahead of true time by a constant that
     is normal with this mean and standard deviation, s."""
-    recorder: Name | None = off(None)
+    recorder: Name | None = imperfection(None)
     """The robot on which the recorder runs: its own messages take no network, its clock is right.
     Without one the recorder stands apart."""
 
 
-class Communication(Settings):
+class CommunicationTable(Settings):
     """The network among the robots, over which a filter without a centre works.
 
     It changes no measurement: the log tells of it, and `clt localize --filter dpf` goes by it.

@@ -5,21 +5,29 @@ from __future__ import annotations
 import numpy as np
 
 from clt.core.errors import UsageError
-from clt.core.recording import WORLD, Attachment, Poses, Recording, Team, no_frames, no_ranges
-from clt.sim.motion import paths
-from clt.sim.packets import packets
-from clt.sim.ranges import ranges
-from clt.sim.ranging import pairs
-from clt.sim.rng import Purpose, stream
+from clt.core.recording import (
+    WORLD_FRAME,
+    Attachment,
+    Poses,
+    Recording,
+    Team,
+    no_ranges,
+    no_uwb_packets,
+)
+from clt.sim.motion import drive_paths
+from clt.sim.packets import simulate_packets
+from clt.sim.ranges import simulate_ranges
+from clt.sim.ranging import measuring_pairs
+from clt.sim.rng import Purpose, random_stream
 from clt.sim.scenario import Scenario, effective_toml
-from clt.sim.scene import Scene
-from clt.sim.sensors import reference, sampling
-from clt.sim.settings import Gaps, Network, Noise, Outliers
-from clt.sim.team import Member, members, team_of
-from clt.sim.transport import EPOCH, check_recorder, robot_key
-from clt.sim.wheels import odometry
+from clt.sim.scene import SimulationInput
+from clt.sim.sensors import measured_truth, sample_times
+from clt.sim.settings import Gaps, NetworkTable, NoiseTable, Outliers
+from clt.sim.team import Member, declared_team, team_members
+from clt.sim.transport import LOG_START_NS, check_recorder, robot_stream_key
+from clt.sim.wheels import simulate_odometry
 
-MOST_MESSAGES = 50_000_000
+MAX_MESSAGES = 50_000_000
 
 
 def simulate(scenario: Scenario) -> Recording:
@@ -30,7 +38,7 @@ def simulate(scenario: Scenario) -> Recording:
     return _recording(scenario, scenario)
 
 
-def exact(scenario: Scenario) -> Recording:
+def simulate_exact(scenario: Scenario) -> Recording:
     """The same drives, stamps and declared noise, but every measurement perfect and none lost.
 
     Stamps are the true times of the measurements: clocks are right, messages arrive at once. A
@@ -51,7 +59,7 @@ def _without_errors(scenario: Scenario) -> Scenario:
             "truth": sensors.truth.model_copy(update={"sigma": 0.0, "sigma_heading": 0.0}),
         }
     )
-    robots = tuple(robot.model_copy(update={"noise": Noise()}) for robot in scenario.robots)
+    robots = tuple(robot.model_copy(update={"noise": NoiseTable()}) for robot in scenario.robots)
     radio = scenario.radio
     if radio is not None:
         radio = radio.model_copy(update={"sigma": 0.0, "antenna_delay": 0.0, "loss": 0.0})
@@ -60,7 +68,7 @@ def _without_errors(scenario: Scenario) -> Scenario:
             "sensors": sensors,
             "robots": robots,
             "outliers": Outliers(),
-            "network": Network(),
+            "network": NetworkTable(),
             "radio": radio,
         }
     )
@@ -68,25 +76,27 @@ def _without_errors(scenario: Scenario) -> Scenario:
 
 def _recording(declared: Scenario, actual: Scenario) -> Recording:
     """Simulate with the errors of `actual`; the log tells of those of `declared`."""
-    team = team_of(declared, members(declared))
-    chosen = pairs(actual.sensors.range, team)
+    team = declared_team(declared, team_members(declared))
+    chosen = measuring_pairs(actual.sensors.range, team)
     _check_size(actual, team, len(chosen))
     check_recorder(actual, team)
-    crew = members(actual)
-    scene = Scene(actual, crew, paths(actual, crew), team, chosen)
+    crew = team_members(actual)
+    scene = SimulationInput(actual, crew, drive_paths(actual, crew), team, chosen)
     document = effective_toml(declared).encode()
     radio = actual.radio
     carried = radio is not None and radio.odometry == "packets"
     wheels = {
-        m.robot.name: odometry(scene.with_perfect_network() if carried else scene, m)
+        m.robot.name: simulate_odometry(scene.with_perfect_network() if carried else scene, m)
         for m in crew
         if not m.robot.static
     }
     return Recording(
         team=team,
         odometry={} if carried else wheels,
-        ranges=ranges(scene) if radio is None else no_ranges(),
-        frames=no_frames() if radio is None else packets(scene, radio, wheels if carried else {}),
+        ranges=simulate_ranges(scene) if radio is None else no_ranges(),
+        frames=no_uwb_packets()
+        if radio is None
+        else simulate_packets(scene, radio, wheels if carried else {}),
         truth={m.robot.name: _truth(scene, m) for m in crew},
         attachments=(Attachment("scenario.toml", "application/toml", document),),
     )
@@ -102,17 +112,17 @@ def _check_size(scenario: Scenario, team: Team, pair_count: int) -> None:
     else:
         rate += len(team.robots) * scenario.radio.rate
     count = int(rate * scenario.duration)
-    if count > MOST_MESSAGES:
+    if count > MAX_MESSAGES:
         raise UsageError(
-            f"{scenario.name}: {count} messages are more than the {MOST_MESSAGES} that one log "
+            f"{scenario.name}: {count} messages are more than the {MAX_MESSAGES} that one log "
             "may have; lower duration, rates or the team's size"
         )
 
 
-def _truth(scene: Scene, member: Member) -> Poses:
+def _truth(scene: SimulationInput, member: Member) -> Poses:
     """The reference trajectory of one robot; it takes no network to reach the recorder."""
     sensor = scene.scenario.sensors.truth
-    stamps = np.concatenate([[0], sampling(sensor.rate, scene.scenario.duration)])
-    draw = stream(scene.scenario.seed, Purpose.TRUTH, *robot_key(member))
-    x, y, heading = reference(sensor, scene.state(member, stamps), draw)
-    return Poses(WORLD, EPOCH + stamps, EPOCH + stamps, x, y, heading)
+    stamps = np.concatenate([[0], sample_times(sensor.rate, scene.scenario.duration)])
+    draw = random_stream(scene.scenario.seed, Purpose.TRUTH, *robot_stream_key(member))
+    x, y, heading = measured_truth(sensor, scene.state(member, stamps), draw)
+    return Poses(WORLD_FRAME, LOG_START_NS + stamps, LOG_START_NS + stamps, x, y, heading)

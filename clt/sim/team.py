@@ -25,7 +25,7 @@ class Member:
     """Of a static robot; (0, 0) for one that moves."""
 
 
-def members(scenario: Scenario) -> list[Member]:
+def team_members(scenario: Scenario) -> list[Member]:
     """The robots in the order of their ids: explicit ones, static ones, moving ones."""
     tables = _tables(scenario)
     own = [table.position for table in tables if table.static]
@@ -39,7 +39,7 @@ def members(scenario: Scenario) -> list[Member]:
     return team
 
 
-def team_of(scenario: Scenario, team: list[Member]) -> Team:
+def declared_team(scenario: Scenario, team: list[Member]) -> Team:
     """What the log tells about the team; ranges out of raw packets tell their own noise."""
     sigma = scenario.sensors.range.sigma if scenario.radio is None else nan
     told = scenario.communication

@@ -16,15 +16,15 @@ from clt.core.trig import cos_sin
 
 Floats = NDArray[np.float64]
 
-STEP = 0.04
+MAX_KNOT_STEP_S = 0.04
 """Largest distance of two knots, s; no multiple of usual sampling intervals, on purpose."""
-NODES = (0.04691007703066802, 0.23076534494715845, 0.5, 0.7692346550528415, 0.953089922969332)
-WEIGHTS = (0.11846344252809454, 0.23931433524968324, 0.28444444444444444)
-GAUSS = tuple(zip(NODES, (*WEIGHTS, *WEIGHTS[1::-1]), strict=True))
+GAUSS_NODES = (0.04691007703066802, 0.23076534494715845, 0.5, 0.7692346550528415, 0.953089922969332)
+GAUSS_WEIGHTS = (0.11846344252809454, 0.23931433524968324, 0.28444444444444444)
+GAUSS_RULE = tuple(zip(GAUSS_NODES, (*GAUSS_WEIGHTS, *GAUSS_WEIGHTS[1::-1]), strict=True))
 
 
 @dataclass(frozen=True)
-class Path:
+class DrivenPath:
     """Knots of one robot's drive, shape (k,); s is the signed arc length, heading unwrapped."""
 
     t: Floats
@@ -37,7 +37,7 @@ class Path:
 
 
 @dataclass(frozen=True)
-class State:
+class MotionState:
     """A path at given times, shape (n,): m, rad (unwrapped), m/s, rad/s."""
 
     x: Floats
@@ -48,18 +48,22 @@ class State:
     omega: Floats
 
 
-def drive(t: Floats, v: Floats, omega: Floats, start: tuple[float, float, float]) -> Path:
-    """Integrate twists v (m/s) and omega (rad/s) at knots t (s, increasing, at most STEP apart)."""
+def path_of_twists(
+    t: Floats, v: Floats, omega: Floats, start: tuple[float, float, float]
+) -> DrivenPath:
+    """Integrate twists v (m/s) and omega (rad/s) at knots t (s, increasing, at most MAX_KNOT_STEP_S apart)."""
     dt = np.diff(t)
     turned = dt * (omega[:-1] + omega[1:]) / 2.0
     heading = start[2] + _running_sum(turned)
     s = _running_sum(dt * (v[:-1] + v[1:]) / 2.0)
     slopes = (np.diff(v) / dt, np.diff(omega) / dt)
     dx, dy = _moved(dt, (v[:-1], omega[:-1], heading[:-1]), slopes)
-    return Path(t, v, omega, start[0] + _running_sum(dx), start[1] + _running_sum(dy), heading, s)
+    return DrivenPath(
+        t, v, omega, start[0] + _running_sum(dx), start[1] + _running_sum(dy), heading, s
+    )
 
 
-def at(path: Path, t: Floats) -> State:
+def state_at(path: DrivenPath, t: Floats) -> MotionState:
     """The path at times t (s), shape (n,); beyond its ends the last twist's line goes on."""
     knot = np.clip(np.searchsorted(path.t, t, side="right") - 1, 0, len(path.t) - 2)
     tau = t - path.t[knot]
@@ -68,7 +72,7 @@ def at(path: Path, t: Floats) -> State:
     a = (path.v[knot + 1] - v) / width
     alpha = (path.omega[knot + 1] - omega) / width
     dx, dy = _moved(tau, (v, omega, heading), (a, alpha))
-    return State(
+    return MotionState(
         x=path.x[knot] + dx,
         y=path.y[knot] + dy,
         heading=heading + tau * (omega + tau * alpha / 2.0),
@@ -78,9 +82,9 @@ def at(path: Path, t: Floats) -> State:
     )
 
 
-def refined(t: Floats, v: Floats, omega: Floats) -> tuple[Floats, Floats, Floats]:
-    """The same piecewise linear twist with knots at most STEP apart."""
-    fine = np.union1d(t, np.arange(0.0, t[-1], STEP))
+def refine_knots(t: Floats, v: Floats, omega: Floats) -> tuple[Floats, Floats, Floats]:
+    """The same piecewise linear twist with knots at most MAX_KNOT_STEP_S apart."""
+    fine = np.union1d(t, np.arange(0.0, t[-1], MAX_KNOT_STEP_S))
     return fine, np.interp(fine, t, v), np.interp(fine, t, omega)
 
 
@@ -91,7 +95,7 @@ def _moved(
     v, omega, heading = twist
     a, alpha = slopes
     dx, dy = np.zeros_like(tau), np.zeros_like(tau)
-    for node, weight in GAUSS:
+    for node, weight in GAUSS_RULE:
         u = node * tau
         cos, sin = cos_sin(heading + u * (omega + u * alpha / 2.0))
         step = weight * tau * (v + u * a)

@@ -7,17 +7,17 @@ from numpy.typing import NDArray
 
 from clt.core.errors import UsageError
 from clt.core.recording import Stamps, Team
-from clt.core.settings import nearest
-from clt.sim.rng import Purpose, stream
+from clt.core.settings import did_you_mean
+from clt.sim.rng import Purpose, random_stream
 from clt.sim.scenario import Scenario
 from clt.sim.sensors import SECOND
 from clt.sim.team import Member
 
-EPOCH = 1_735_689_600_000_000_000
+LOG_START_NS = 1_735_689_600_000_000_000
 """Start of every simulated log: 2025-01-01T00:00:00Z."""
 
 
-def robot_key(member: Member) -> tuple[int, int]:
+def robot_stream_key(member: Member) -> tuple[int, int]:
     """The part of a random stream's key that stands for a robot."""
     return int(member.robot.static), member.order
 
@@ -26,21 +26,21 @@ def check_recorder(scenario: Scenario, team: Team) -> None:
     """Raise UsageError where the recorder runs on a robot that the team has not."""
     name = scenario.network.recorder
     if name is not None and name not in team.names:
-        hint = nearest(name, team.names)
+        hint = did_you_mean(name, team.names)
         raise UsageError(f"network.recorder: no robot {name} in the team{hint}")
 
 
-def stamped(scenario: Scenario, host: Member, stamps: Stamps) -> Stamps:
+def robot_clock_stamps(scenario: Scenario, host: Member, stamps: Stamps) -> Stamps:
     """What a robot's clock shows at true times (ns since the start), ns since 1970."""
     network = scenario.network
     error = 0
     if (network.clock_mean != 0.0 or network.clock_sd > 0.0) and not _on_board(scenario, host):
-        draw = stream(scenario.seed, Purpose.HOST, *robot_key(host))
+        draw = random_stream(scenario.seed, Purpose.HOST, *robot_stream_key(host))
         error = round((network.clock_mean + network.clock_sd * draw.standard_normal()) * SECOND)
-    return EPOCH + stamps + error
+    return LOG_START_NS + stamps + error
 
 
-def transport(
+def deliver_messages(
     scenario: Scenario, host: Member | None, stamps: Stamps, purpose: tuple[int, ...]
 ) -> tuple[Stamps, NDArray[np.bool_]]:
     """When each message of `host` reaches the recorder (ns) and which ones do, shape (n,).
@@ -48,17 +48,17 @@ def transport(
     No host stands for one that is no robot: the listener of a UWB network.
     """
     network, n = scenario.network, len(stamps)
-    log_time, arrived = EPOCH + stamps, np.ones(n, np.bool_)
+    log_time, arrived = LOG_START_NS + stamps, np.ones(n, np.bool_)
     if host is not None and _on_board(scenario, host):
         return log_time, arrived
     if network.batch > 0.0:
-        log_time = EPOCH + _batch_end(scenario, host, stamps)
+        log_time = LOG_START_NS + _batch_end(scenario, host, stamps)
     if network.delay_mean > 0.0 or network.delay_sd > 0.0:
-        late = stream(scenario.seed, Purpose.DELAY, *purpose).standard_normal(n)
+        late = random_stream(scenario.seed, Purpose.DELAY, *purpose).standard_normal(n)
         delay = np.maximum(network.delay_mean + network.delay_sd * late, 0.0)
         log_time += np.rint(delay * SECOND).astype(np.int64)
     if network.loss > 0.0:
-        arrived = stream(scenario.seed, Purpose.LOSS, *purpose).random(n) >= network.loss
+        arrived = random_stream(scenario.seed, Purpose.LOSS, *purpose).random(n) >= network.loss
     return log_time, arrived
 
 
@@ -70,6 +70,8 @@ def _on_board(scenario: Scenario, host: Member) -> bool:
 def _batch_end(scenario: Scenario, host: Member | None, stamps: Stamps) -> Stamps:
     """When a host sends what it gathered at stamps, ns since the start."""
     period = max(round(scenario.network.batch * SECOND), 1)
-    draw = stream(scenario.seed, Purpose.BATCH, *(() if host is None else robot_key(host)))
+    draw = random_stream(
+        scenario.seed, Purpose.BATCH, *(() if host is None else robot_stream_key(host))
+    )
     begin = int(draw.random() * period)
     return begin - (begin - stamps) // period * period

@@ -13,29 +13,31 @@ import numpy as np
 
 from clt.core.errors import UsageError
 from clt.core.trig import cos_sin
-from clt.sim.drives import Wander
-from clt.sim.trajectory import STEP, Path, drive
+from clt.sim.drives import WanderDrive
+from clt.sim.trajectory import MAX_KNOT_STEP_S, DrivenPath, path_of_twists
 from clt.sim.values import Area, Pose
 
 Leg = tuple[float, float, float, float]
 """Goal x, y (m), share of the cruise speed, sine of the angle at which it spirals in."""
 
-CREEP = 0.15
+CREEP_SPEED = 0.15
 """Speed that is always allowed, m/s; it lets a robot turn away from a wall."""
-BEND = 0.7
+MAX_SPIRAL_SINE = 0.7
 """Sine of the largest angle at which a leg spirals in on its goal."""
 
 
-def wander(
-    settings: Wander, area: Area, duration: float, start: Pose, draw: np.random.Generator
-) -> Path:
+def drive_wander(
+    settings: WanderDrive, area: Area, duration: float, start: Pose, draw: np.random.Generator
+) -> DrivenPath:
     """Drive one robot from rest at `start` for `duration` seconds.
 
     Raises UsageError where it leaves the area, which is then too small for the speed.
     """
     legs = _legs(settings, area, duration, draw)
-    v, omega = _steer(settings, area, ceil(duration / STEP) + 2, start, legs)
-    path = drive(STEP * np.arange(len(v), dtype=np.float64), np.array(v), np.array(omega), start)
+    v, omega = _steer(settings, area, ceil(duration / MAX_KNOT_STEP_S) + 2, start, legs)
+    path = path_of_twists(
+        MAX_KNOT_STEP_S * np.arange(len(v), dtype=np.float64), np.array(v), np.array(omega), start
+    )
     inside_x = (path.x >= area[0]) & (path.x <= area[2])
     inside_y = (path.y >= area[1]) & (path.y <= area[3])
     if not (inside_x & inside_y).all():
@@ -46,7 +48,9 @@ def wander(
     return path
 
 
-def _legs(settings: Wander, area: Area, duration: float, draw: np.random.Generator) -> list[Leg]:
+def _legs(
+    settings: WanderDrive, area: Area, duration: float, draw: np.random.Generator
+) -> list[Leg]:
     """Random legs, enough for half a metre each; they repeat after that."""
     unit = draw.random((10 + int(2.0 * duration * settings.speed), 4))
     inset = settings.margin + settings.reach
@@ -54,14 +58,14 @@ def _legs(settings: Wander, area: Area, duration: float, draw: np.random.Generat
     low = np.minimum(np.array(area[:2]) + inset, middle)
     high = np.maximum(np.array(area[2:]) - inset, middle)
     goal = low + unit[:, :2] * (high - low)
-    pace, bend = 0.6 + 0.8 * unit[:, 2], BEND * (2.0 * unit[:, 3] - 1.0)
+    pace, bend = 0.6 + 0.8 * unit[:, 2], MAX_SPIRAL_SINE * (2.0 * unit[:, 3] - 1.0)
     return list(zip(*(column.tolist() for column in (*goal.T, pace, bend)), strict=True))
 
 
 def _steer(
-    settings: Wander, area: Area, count: int, start: Pose, legs: list[Leg]
+    settings: WanderDrive, area: Area, count: int, start: Pose, legs: list[Leg]
 ) -> tuple[list[float], list[float]]:
-    """Twists (m/s, rad/s) at `count` knots STEP apart, the first at rest."""
+    """Twists (m/s, rad/s) at `count` knots MAX_KNOT_STEP_S apart, the first at rest."""
     x, y, heading = start
     middle = heading
     cos, sin = (float(value) for value in cos_sin(np.array(middle)))
@@ -81,13 +85,13 @@ def _steer(
         aside = (cos * to_y - sin * to_x) / distance
         new_v = _speed(settings, pace, ahead, room, v)
         new_omega = _turn_rate(settings, ahead, aside, omega)
-        turned = heading + STEP * (3.0 * omega + new_omega) / 8.0 - middle
+        turned = heading + MAX_KNOT_STEP_S * (3.0 * omega + new_omega) / 8.0 - middle
         cos, sin = _turn(cos, sin, turned)
         middle += turned
         along, across = _step(v, omega, new_v, new_omega)
         x += along * cos - across * sin
         y += along * sin + across * cos
-        heading += STEP * (omega + new_omega) / 2.0
+        heading += MAX_KNOT_STEP_S * (omega + new_omega) / 2.0
         v, omega = new_v, new_omega
         all_v.append(v)
         all_omega.append(omega)
@@ -95,10 +99,12 @@ def _steer(
 
 
 def _step(v: float, omega: float, new_v: float, new_omega: float) -> tuple[float, float]:
-    """Displacement (m) in one STEP along and across the heading in its middle, to order 4."""
+    """Displacement (m) in one MAX_KNOT_STEP_S along and across the heading in its middle, to order 4."""
     mean_v, mean_omega = (v + new_v) / 2.0, (omega + new_omega) / 2.0
-    along = mean_v * STEP * (1.0 - (mean_omega * STEP) ** 2 / 24.0)
-    across = ((new_v - v) * mean_omega / 12.0 + mean_v * (new_omega - omega) / 24.0) * STEP**2
+    along = mean_v * MAX_KNOT_STEP_S * (1.0 - (mean_omega * MAX_KNOT_STEP_S) ** 2 / 24.0)
+    across = (
+        (new_v - v) * mean_omega / 12.0 + mean_v * (new_omega - omega) / 24.0
+    ) * MAX_KNOT_STEP_S**2
     return along, across
 
 
@@ -110,23 +116,23 @@ def _turn(cos: float, sin: float, angle: float) -> tuple[float, float]:
     return cos * c - sin * s, sin * c + cos * s
 
 
-def _room(settings: Wander, area: Area, x: float, y: float) -> float:
+def _room(settings: WanderDrive, area: Area, x: float, y: float) -> float:
     """Distance to the nearest wall beyond the margin, m, not below zero."""
     wall = min(x - area[0], area[2] - x, y - area[1], area[3] - y)
     return max(wall - settings.margin, 0.0)
 
 
-def _speed(settings: Wander, pace: float, ahead: float, room: float, v: float) -> float:
+def _speed(settings: WanderDrive, pace: float, ahead: float, room: float, v: float) -> float:
     """Next speed: the leg's pace, slower with the goal aside and where a wall is near."""
     wanted = settings.speed * pace * (0.25 + 0.75 * max(ahead, 0.0))
-    wanted = min(wanted, max(sqrt(settings.acceleration * room), CREEP))
-    step = settings.acceleration * STEP
+    wanted = min(wanted, max(sqrt(settings.acceleration * room), CREEP_SPEED))
+    step = settings.acceleration * MAX_KNOT_STEP_S
     return min(max(wanted, v - step), v + step)
 
 
-def _turn_rate(settings: Wander, ahead: float, aside: float, omega: float) -> float:
+def _turn_rate(settings: WanderDrive, ahead: float, aside: float, omega: float) -> float:
     """Next turn rate: towards the goal, at full rate while it lies behind."""
     error = aside if ahead > 0.0 else (-1.0 if aside < 0.0 else 1.0)
     wanted = settings.turn_rate * min(max(2.0 * error, -1.0), 1.0)
-    step = settings.turn_acceleration * STEP
+    step = settings.turn_acceleration * MAX_KNOT_STEP_S
     return min(max(wanted, omega - step), omega + step)

@@ -8,18 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.core.recording import Floats, Odometry, Stamps
-from clt.sim.bursts import bursts
-from clt.sim.rng import Purpose, stream
+from clt.sim.bursts import burst_heights
+from clt.sim.rng import Purpose, random_stream
 from clt.sim.scenario import Scenario
-from clt.sim.scene import Scene
-from clt.sim.sensors import DECIMALS, SECOND, sampling
+from clt.sim.scene import SimulationInput
+from clt.sim.sensors import DECIMALS, SECOND, sample_times
 from clt.sim.settings import OdometrySensor
 from clt.sim.team import Member
-from clt.sim.trajectory import Path, at
-from clt.sim.transport import robot_key, stamped, transport
+from clt.sim.trajectory import DrivenPath, state_at
+from clt.sim.transport import deliver_messages, robot_clock_stamps, robot_stream_key
 
 
-class Errors(NamedTuple):
+class OdometryErrors(NamedTuple):
     """Systematic errors of one robot: measured = scale * true + bias."""
 
     scale_v: float
@@ -28,23 +28,23 @@ class Errors(NamedTuple):
     """rad/s."""
 
 
-def odometry(scene: Scene, member: Member) -> Odometry:
+def simulate_odometry(scene: SimulationInput, member: Member) -> Odometry:
     """The stream of one moving robot as it reaches the recorder."""
-    scenario, key = scene.scenario, robot_key(member)
+    scenario, key = scene.scenario, robot_stream_key(member)
     sensor = scenario.sensors.odometry
     stamps = _stamps(scenario, key)
     v, omega = _twist(sensor, scene.paths[member.robot.name], stamps)
     share = np.where((v == 0.0) & (omega == 0.0), sensor.at_rest, 1.0)
     errors = _errors(scenario, key)
-    noise = stream(scenario.seed, Purpose.ODOMETRY, *key).standard_normal((len(stamps), 2))
+    noise = random_stream(scenario.seed, Purpose.ODOMETRY, *key).standard_normal((len(stamps), 2))
     v = errors.scale_v * v + share * (member.robot.sigma_v * noise[:, 0])
     omega = errors.scale_omega * omega + share * errors.bias_omega
     omega += share * (member.robot.sigma_omega * noise[:, 1])
-    log_time, arrived = transport(scenario, member, stamps, (int(Purpose.ODOMETRY), *key))
+    log_time, arrived = deliver_messages(scenario, member, stamps, (int(Purpose.ODOMETRY), *key))
     kept = arrived & ~_in_gap(scenario, stamps, key)
     told = scene.team.robots[scene.team.index(member.robot.name)]
     return Odometry(
-        stamp=stamped(scenario, member, stamps)[kept],
+        stamp=robot_clock_stamps(scenario, member, stamps)[kept],
         log_time=log_time[kept],
         v=np.round(v, DECIMALS)[kept],
         omega=np.round(omega, DECIMALS)[kept],
@@ -57,28 +57,30 @@ def _stamps(scenario: Scenario, key: tuple[int, int]) -> Stamps:
     """When one robot samples, ns since the start."""
     sensor, early = scenario.sensors.odometry, 0.0
     if sensor.phase == "random":
-        early = stream(scenario.seed, Purpose.PHASE, int(Purpose.ODOMETRY), *key).random()
-    return sampling(sensor.rate, scenario.duration, early)
+        early = random_stream(scenario.seed, Purpose.PHASE, int(Purpose.ODOMETRY), *key).random()
+    return sample_times(sensor.rate, scenario.duration, early)
 
 
-def _twist(sensor: OdometrySensor, path: Path, stamps: Stamps) -> tuple[Floats, Floats]:
+def _twist(sensor: OdometrySensor, path: DrivenPath, stamps: Stamps) -> tuple[Floats, Floats]:
     """True v (m/s) and omega (rad/s) at stamps (ns since the start), shape (n,).
 
     A mean is what wheel encoders give: arc length and turn of the interval over its length.
     """
     if sensor.twist == "instant":
-        state = at(path, stamps / SECOND)
+        state = state_at(path, stamps / SECOND)
         return state.v, state.omega
     edges = np.concatenate([[0], stamps]) / SECOND
-    state, span = at(path, edges), np.diff(edges)
+    state, span = state_at(path, edges), np.diff(edges)
     return np.diff(state.s) / span, np.diff(state.heading) / span
 
 
-def _errors(scenario: Scenario, key: tuple[int, int]) -> Errors:
+def _errors(scenario: Scenario, key: tuple[int, int]) -> OdometryErrors:
     """Those of all robots and the robot's own."""
     sensor = scenario.sensors.odometry
-    scale_v, scale_omega, bias = stream(scenario.seed, Purpose.SCALE, *key).standard_normal(3)
-    return Errors(
+    scale_v, scale_omega, bias = random_stream(scenario.seed, Purpose.SCALE, *key).standard_normal(
+        3
+    )
+    return OdometryErrors(
         sensor.scale_v * (1.0 + sensor.scale_sd * scale_v),
         sensor.scale_omega * (1.0 + sensor.scale_sd * scale_omega),
         sensor.bias_omega + sensor.bias_sd * bias,
@@ -90,5 +92,5 @@ def _in_gap(scenario: Scenario, stamps: Stamps, key: tuple[int, int]) -> NDArray
     gaps = scenario.sensors.odometry.gaps
     if gaps.share == 0.0 or len(stamps) == 0:
         return np.zeros(len(stamps), np.bool_)
-    draw = stream(scenario.seed, Purpose.GAP, *key)
-    return bursts(gaps.share, gaps.length, stamps, draw) > 0.0
+    draw = random_stream(scenario.seed, Purpose.GAP, *key)
+    return burst_heights(gaps.share, gaps.length, stamps, draw) > 0.0

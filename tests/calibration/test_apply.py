@@ -14,12 +14,12 @@ from clt.calibration.apply import (
     OdometryCalibration,
     PairCalibration,
     RangeCalibration,
-    apply,
+    apply_calibration,
     read_calibration,
 )
 from clt.core.errors import LogError, UsageError
 from clt.core.recording import Odometry, Ranges, Recording, Robot, Team
-from clt.core.settings import parse
+from clt.core.settings import parse_settings
 
 CONTRACT = """
 [range]                    # every pair: range = gain * raw + offset
@@ -71,7 +71,7 @@ def read(tmp_path: Path, text: str) -> Calibration:
 
 def test_contract_example(tmp_path: Path) -> None:
     before = recording()
-    after = apply(before, read(tmp_path, CONTRACT))
+    after = apply_calibration(before, read(tmp_path, CONTRACT))
     r, raw = after.ranges, before.ranges.raw
     mutual = slice(4, 6)
     assert r.range[:4] == pytest.approx(0.9567 * raw[:4] + 0.6245, abs=1e-15)
@@ -87,30 +87,34 @@ def test_contract_example(tmp_path: Path) -> None:
 def test_unlisted_pairs_keep_their_range() -> None:
     before = recording()
     pair = PairCalibration(ends=("R4", "R1"), gain=2.0)
-    after = apply(before, Calibration(range=RangeCalibration(pair=(pair,))))
+    after = apply_calibration(before, Calibration(range=RangeCalibration(pair=(pair,))))
     assert np.array_equal(after.ranges.range[:4], before.ranges.range[:4])
     assert np.array_equal(after.ranges.range[4:], 2.0 * before.ranges.raw[4:])
 
 
 def test_gain_alone_means_no_offset() -> None:
-    after = apply(recording(), Calibration(range=RangeCalibration(gain=0.5)))
+    after = apply_calibration(recording(), Calibration(range=RangeCalibration(gain=0.5)))
     assert np.array_equal(after.ranges.range, 0.5 * recording().ranges.raw)
 
 
 def test_odometry_alone_leaves_ranges() -> None:
     calibration = Calibration(odometry={"R1": OdometryCalibration(scale=2.0)})
-    assert np.array_equal(apply(recording(), calibration).ranges.range, recording().ranges.range)
+    assert np.array_equal(
+        apply_calibration(recording(), calibration).ranges.range, recording().ranges.range
+    )
 
 
 def test_empty_calibration_takes_the_earlier_odometry_back() -> None:
     before = recording()
-    first = apply(before, Calibration(odometry={"R1": OdometryCalibration(scale=2.0)}))
+    first = apply_calibration(before, Calibration(odometry={"R1": OdometryCalibration(scale=2.0)}))
     assert not np.array_equal(first.odometry["R1"].v, before.odometry["R1"].v)
-    assert np.array_equal(apply(first, Calibration()).odometry["R1"].v, before.odometry["R1"].v)
+    assert np.array_equal(
+        apply_calibration(first, Calibration()).odometry["R1"].v, before.odometry["R1"].v
+    )
 
 
 def test_recording_without_ranges() -> None:
-    after = apply(Recording(TEAM), Calibration(range=RangeCalibration(gain=0.5)))
+    after = apply_calibration(Recording(TEAM), Calibration(range=RangeCalibration(gain=0.5)))
     assert len(after.ranges.range) == 0
 
 
@@ -133,8 +137,8 @@ calibrations = st.builds(
 
 @given(calibrations, calibrations)
 def test_the_last_calibration_counts(first: Calibration, second: Calibration) -> None:
-    directly = apply(recording(), second)
-    after = apply(apply(recording(), first), second)
+    directly = apply_calibration(recording(), second)
+    after = apply_calibration(apply_calibration(recording(), first), second)
     assert np.array_equal(after.ranges.range, directly.ranges.range)
     assert after.odometry["R1"].v == pytest.approx(directly.odometry["R1"].v, abs=1e-12)
     assert after.odometry["R1"].omega == pytest.approx(directly.odometry["R1"].omega, abs=1e-12)
@@ -147,13 +151,14 @@ def test_direction_does_not_matter(calibration: Calibration) -> None:
     r = before.ranges
     turned = replace(before, ranges=replace(r, source=r.target, target=r.source))
     assert np.array_equal(
-        apply(before, calibration).ranges.range, apply(turned, calibration).ranges.range
+        apply_calibration(before, calibration).ranges.range,
+        apply_calibration(turned, calibration).ranges.range,
     )
 
 
 def test_the_input_is_untouched() -> None:
     before = recording()
-    apply(before, Calibration(range=RangeCalibration(gain=0.5)))
+    apply_calibration(before, Calibration(range=RangeCalibration(gain=0.5)))
     assert np.array_equal(before.ranges.range, recording().ranges.range)
     assert before.run == {}
 
@@ -197,9 +202,9 @@ def test_missing_file(tmp_path: Path) -> None:
 )
 def test_unknown_robot(data: dict[str, object]) -> None:
     with pytest.raises(UsageError, match="unknown robot `R11`, did you mean `R1`"):
-        apply(recording(), parse(Calibration, data, "test"))
+        apply_calibration(recording(), parse_settings(Calibration, data, "test"))
 
 
 def test_unreadable_earlier_calibration() -> None:
     with pytest.raises(LogError, match=r"clt\.run"):
-        apply(replace(recording(), run={KEY: "nonsense"}), Calibration())
+        apply_calibration(replace(recording(), run={KEY: "nonsense"}), Calibration())

@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from clt.cli.app import COMMANDS, app
-from clt.cli.lazy import function
-from clt.estimation.estimators import FILTERPY, FILTERS
+from clt.cli.lazy import load_command
+from clt.estimation.estimators import FILTERPY_FILTERS, FILTERS
 from clt.model import choices
 
 FLAGS = ("--output", "-o", "--force", "--json", "--quiet", "-q", "--verbose", "-v", "--help", "-h")
@@ -48,7 +48,7 @@ def shell(line, folder, **environment):
 
 def paragraphs(name):
     """The docstring of a command, its common indentation removed."""
-    text = function(COMMANDS[name]).__doc__ or ""
+    text = load_command(COMMANDS[name]).__doc__ or ""
     first, _, rest = text.partition("\n")
     return "\n".join([first, *(line.removeprefix("    ") for line in rest.splitlines())]).rstrip()
 
@@ -141,8 +141,8 @@ def test_slips_are_refused_before_anything_slow_is_imported(words, said):
 
 
 def test_the_names_of_filters_are_those_that_there_are():
-    assert tuple(FILTERS) == choices.NAMES
-    assert tuple(FILTERPY) == choices.THROUGH_FILTERPY
+    assert tuple(FILTERS) == choices.FILTER_NAMES
+    assert tuple(FILTERPY_FILTERS) == choices.FILTERPY_FILTER_NAMES
 
 
 @pytest.mark.parametrize("name", COMMANDS)

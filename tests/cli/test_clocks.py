@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from clt.cli.app import app
-from clt.log.recording.clocks.excerpt import cut
+from clt.log.recording.clocks.excerpt import cut_recording
 from clt.log.recording.load import load
 from clt.log.recording.save import save
 from tests.filters.teams import team_recording
@@ -86,7 +86,7 @@ def test_info_names_a_clock_that_is_off(clt, tmp_path, recording):
 
 def test_localize_uses_the_longest_part(clt, tmp_path, recording):
     write(tmp_path / "in.mcap", jumped(recording, 2, 86_400 * SECOND))
-    write(tmp_path / "cut.mcap", cut(recording, NOW + 2 * SECOND, NOW + 9 * SECOND))
+    write(tmp_path / "cut.mcap", cut_recording(recording, NOW + 2 * SECOND, NOW + 9 * SECOND))
     code, _, err = clt("localize", "in.mcap", "-o", "out.mcap", "--init", "truth", "-q")
     assert code == 3
     jump, part = err.splitlines()
@@ -104,7 +104,7 @@ def test_localize_uses_the_longest_part(clt, tmp_path, recording):
 def test_localize_as_received_through_a_pause(clt, tmp_path, recording):
     """As many estimates as without."""
     write(tmp_path / "in.mcap", jumped(recording, 2, 3600 * SECOND, recorded=True))
-    write(tmp_path / "cut.mcap", cut(recording, NOW + 2 * SECOND, NOW + 9 * SECOND))
+    write(tmp_path / "cut.mcap", cut_recording(recording, NOW + 2 * SECOND, NOW + 9 * SECOND))
     for log, out, code in (("in.mcap", "out.mcap", 3), ("cut.mcap", "ref.mcap", 0)):
         words = ("localize", log, "-o", out, "--init", "truth", "-q", "--as-received")
         assert clt(*words)[0] == code
@@ -138,7 +138,7 @@ def test_range_uses_the_longest_part(clt, tmp_path):
     first = int(raw.frames.stamp[0]) + SECOND
     by = (first - 10 * SECOND) * (raw.frames.stamp < first)
     write(tmp_path / "in.mcap", replace(raw, truth={}, frames=moved(raw.frames, -by)))
-    write(tmp_path / "cut.mcap", replace(cut(raw, first, first + 9 * SECOND), truth={}))
+    write(tmp_path / "cut.mcap", replace(cut_recording(raw, first, first + 9 * SECOND), truth={}))
     code, _, err = clt("range", "in.mcap", "-o", "out.mcap", "-q")
     assert code == 3
     assert all(line.startswith("clt: warning: in.mcap: ") for line in err.splitlines())

@@ -13,15 +13,15 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from clt.calibration.apply import Calibration, apply
+from clt.calibration.apply import Calibration, apply_calibration
 from clt.cli.app import app
 from clt.cli.inputs import Inputs
 from clt.core.errors import CltError, LogError, UsageError
 from clt.core.recording import Attachment, Recording, Team
-from clt.core.settings import parse, read_toml
+from clt.core.settings import parse_settings, read_toml
 from clt.log.recording.load import load
-from clt.log.recording.metadata import TEAM
-from clt.log.recording.reader import read
+from clt.log.recording.metadata import TEAM_RECORD
+from clt.log.recording.reader import read_log
 from clt.log.recording.save import save
 
 SCENARIO = 'name = "mine"\nduration = 3\n[team]\nmoving = 2\nstatic = 2\n'
@@ -131,17 +131,17 @@ def test_every_document_is_attached_and_the_scenario_travels_on(clt):
 
 
 def test_the_calibration_of_the_team_survives_a_second_run(clt):
-    calibration = parse(Calibration, read_toml(Path("cal.toml")), "")
+    calibration = parse_settings(Calibration, read_toml(Path("cal.toml")), "")
     recording = load(Path("h.mcap")).recording
     with Path("calibrated.mcap").open("wb") as file:
-        save(file, apply(recording, calibration), {})
+        save(file, apply_calibration(recording, calibration), {})
     told = {"range": {"gain": 1.0, "offset": 0.25}, "odometry": {"R3": {"scale": 1.5}}}
     assert "calibration" not in team("h.mcap")
     assert json.loads(team("calibrated.mcap")["calibration"]) == told
     assert clt("localize calibrated.mcap --init truth -o out.mcap")[0] in {0, 3}
     assert json.loads(team("out.mcap")["calibration"]) == told
     # A second application takes the first one back, whichever record tells of it.
-    again = apply(load(Path("calibrated.mcap")).recording, calibration)
+    again = apply_calibration(load(Path("calibrated.mcap")).recording, calibration)
     assert again.odometry["R3"].v == pytest.approx(1.5 * recording.odometry["R3"].v)
     line = "localize h.mcap --init truth --calibration cal.toml -o direct.mcap"
     assert clt(line)[0] in {0, 3}
@@ -151,7 +151,9 @@ def test_the_calibration_of_the_team_survives_a_second_run(clt):
 def team(name):
     """The `clt.team` record of a log."""
     return next(
-        one.record for one in read(Path(name), lambda *_: False).metadata if one.name == TEAM
+        one.record
+        for one in read_log(Path(name), lambda *_: False).metadata
+        if one.name == TEAM_RECORD
     )
 
 

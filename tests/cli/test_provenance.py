@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from clt import __version__
-from clt.cli.provenance import digests, essence, run_record
+from clt.cli.provenance import arguments_without_output, file_digests, run_record
 
 
 @pytest.mark.parametrize(
@@ -21,7 +21,7 @@ from clt.cli.provenance import digests, essence, run_record
     ],
 )
 def test_essence(words: list[str]) -> None:
-    assert essence(words) == ["simulate", "shi-sim", "--seed", "1"]
+    assert arguments_without_output(words) == ["simulate", "shi-sim", "--seed", "1"]
 
 
 def test_record(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -42,4 +42,4 @@ def test_record_refuses_nan() -> None:
 def test_digests(tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.write_bytes(b"content")
-    assert digests([path]) == {str(path): hashlib.sha256(b"content").hexdigest()}
+    assert file_digests([path]) == {str(path): hashlib.sha256(b"content").hexdigest()}

@@ -7,15 +7,15 @@ from pydantic import Field
 from clt.core.errors import UsageError
 from clt.core.settings import (
     Settings,
-    assign,
-    assignments,
-    from_environment,
+    did_you_mean,
     known_keys,
-    literal,
-    nearest,
-    parse,
+    parse_assignments,
+    parse_literal,
+    parse_settings,
     read_toml,
     refuse_unknown_variables,
+    set_dotted_key,
+    settings_from_environment,
 )
 
 
@@ -48,7 +48,7 @@ class Top(Settings):
 
 def refusal(data):
     with pytest.raises(UsageError) as caught:
-        parse(Top, data, "here")
+        parse_settings(Top, data, "here")
     text = str(caught.value)
     assert caught.value.code == 2
     assert "\n" not in text
@@ -118,7 +118,7 @@ def test_known_keys_hold_the_keys_of_every_choice_but_of_no_list():
 
 
 def test_environment():
-    found = from_environment(
+    found = settings_from_environment(
         Top, {"CLT_BODY__MASS": "2.5", "CLT_NAME": "word", "CLT_OTHER__KEY": "1", "HOME": "/"}
     )
     assert found == {"body.mass": 2.5, "name": "word"}
@@ -147,11 +147,11 @@ def test_values_nested_too_deeply_are_refused(tmp_path, depth):
     path.write_text(f"name = {deep}")
     for build in (
         lambda: read_toml(path),
-        lambda: assignments([f"name={deep}"]),
-        lambda: from_environment(Top, {"CLT_NAME": deep}),
+        lambda: parse_assignments([f"name={deep}"]),
+        lambda: settings_from_environment(Top, {"CLT_NAME": deep}),
     ):
         with pytest.raises(UsageError) as caught:
-            parse(Top, build(), "here")
+            parse_settings(Top, build(), "here")
         text = str(caught.value)
         assert (
             "`name`: must be text, not a list of 1" in text
@@ -168,27 +168,27 @@ def test_values_nested_too_deeply_are_refused(tmp_path, depth):
      ("word", "word"), ("", ""), ('"3"', "3"), ("a b", "a b"), ("{x = 1}", {"x": 1})],
 )  # fmt: skip
 def test_literals(text, value):
-    assert literal(text) == value
+    assert parse_literal(text) == value
 
 
 def test_assignments():
-    assert assignments(["a.b=3", "c = x=y", "a.b=4"]) == {"a.b": 4, "c": "x=y"}
+    assert parse_assignments(["a.b=3", "c = x=y", "a.b=4"]) == {"a.b": 4, "c": "x=y"}
     for bad in ("a", "=3", " =3"):
         with pytest.raises(UsageError, match="KEY=VALUE"):
-            assignments([bad])
+            parse_assignments([bad])
 
 
 def test_assigning_makes_tables_and_keeps_values():
     tree = {"a": {"x": 1}, "n": 3}
-    assign(tree, "a.y", 2)
-    assign(tree, "b.c.d", 4)
+    set_dotted_key(tree, "a.y", 2)
+    set_dotted_key(tree, "b.c.d", 4)
     assert tree == {"a": {"x": 1, "y": 2}, "n": 3, "b": {"c": {"d": 4}}}
     with pytest.raises(UsageError, match="n is not a table"):
-        assign(tree, "n.x", 1)
+        set_dotted_key(tree, "n.x", 1)
 
 
 def test_nearest_is_silent_without_known_words():
-    assert nearest("x", []) == ""
+    assert did_you_mean("x", []) == ""
 
 
 def test_reading_toml(tmp_path):

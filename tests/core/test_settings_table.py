@@ -8,7 +8,7 @@ import pytest
 from pydantic import Field
 
 from clt.core.settings import Settings, known_keys
-from clt.core.settings_table import Key, keys_of
+from clt.core.settings_table import SettingKey, setting_keys
 from clt.model.settings import FilterSettings
 from clt.sim.scenario import Scenario
 
@@ -46,19 +46,19 @@ class Top(Settings):
 
 
 def test_keys_as_the_source_describes_them():
-    assert keys_of(Top) == [
-        Key("shape.kind", "ring, box", "-", "ring", "Form."),
-        Key("shape.radius", "number > 0", "m", 2.0, "How wide, m."),
-        Key("shape.sides", "[2 x number]", "m", [1.0, 2.0], "In x and y, m."),
-        Key("speed", "number >= 0, < 3", "m/s", None, "Over ground, m/s; none: at rest."),
-        Key("words", "list of [text]", "-", [], "Any."),
-        Key("on", "true or false", "-", True, "Works."),
+    assert setting_keys(Top) == [
+        SettingKey("shape.kind", "ring, box", "-", "ring", "Form."),
+        SettingKey("shape.radius", "number > 0", "m", 2.0, "How wide, m."),
+        SettingKey("shape.sides", "[2 x number]", "m", [1.0, 2.0], "In x and y, m."),
+        SettingKey("speed", "number >= 0, < 3", "m/s", None, "Over ground, m/s; none: at rest."),
+        SettingKey("words", "list of [text]", "-", [], "Any."),
+        SettingKey("on", "true or false", "-", True, "Works."),
     ]
 
 
 @pytest.mark.parametrize("model", [FilterSettings, Scenario])
 def test_every_key_has_a_line_and_a_unit_or_none(model):
-    keys = keys_of(model)
+    keys = setting_keys(model)
     tables = {key.name.rpartition(".")[0] for key in keys}
     assert {key.name for key in keys} <= set(known_keys(model))
     assert set(known_keys(model)) - {key.name for key in keys} <= tables | {"radio.oscillator"} | {
@@ -71,7 +71,7 @@ def test_every_key_has_a_line_and_a_unit_or_none(model):
 
 
 def test_the_units_of_the_noise():
-    units = {key.name: key.unit for key in keys_of(FilterSettings)}
+    units = {key.name: key.unit for key in setting_keys(FilterSettings)}
     assert units["noise.sigma_v"] == "m/s"
     assert units["noise.v_per_omega"] == "m/s per rad/s"
     assert units["noise.sigma_range"] == units["dpf.reach"] == "m"

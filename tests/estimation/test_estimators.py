@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from clt.core.errors import CltError
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.core.recording import Odometry, Recording, Robot, Team, no_ranges
 from clt.core.start import InitialPose, Start
 from clt.estimation import estimators
 from clt.filters.kalman.gaussian import solve_eskf
 from clt.initialization.given.poses import from_poses
 from clt.initialization.given.truth import from_truth
-from clt.model.problem import Cast, lay_out, output_times
+from clt.model.problem import StateLayout, build_problem, output_times
 from clt.model.settings import FilterSettings
-from clt.model.unicycle import EXACT, arc, process_noise
+from clt.model.unicycle import EXACT_NOISE, exact_arc, process_noise
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
 from tests.filters.teams import ANCHORS, team_recording
@@ -31,7 +31,7 @@ def errors(recording, poses, name):
     truth = recording.truth[name]
     _, own, other = np.intersect1d(poses.stamp, truth.stamp, return_indices=True)
     dx, dy = poses.x[own] - truth.x[other], poses.y[own] - truth.y[other]
-    return np.stack([dx, dy, wrap(poses.heading[own] - truth.heading[other])], axis=1)
+    return np.stack([dx, dy, wrap_angle(poses.heading[own] - truth.heading[other])], axis=1)
 
 
 def anees(recording, posterior, skip=40):
@@ -52,10 +52,10 @@ def without(mapping, *names):
 def test_the_state_holds_moving_robots_and_uncertain_static_ones():
     recording = team_recording(seconds=2.0)
     start = from_truth(recording, SIGMA)
-    assert lay_out(recording, start, DEFAULTS).robots == ("R1", "R2", "R3")
+    assert build_problem(recording, start, DEFAULTS).robots == ("R1", "R2", "R3")
     vague = InitialPose(np.array([12.1, 0.0, 0.0]), np.diag([0.04, 0.04, 0.0]))
     start = replace(start, poses={**start.poses, "S2": vague})
-    problem = lay_out(recording, start, DEFAULTS)
+    problem = build_problem(recording, start, DEFAULTS)
     assert problem.robots == ("S2", "R1", "R2", "R3")
     assert problem.mean[:3].tolist() == [12.1, 0.0, 0.0]
     np.testing.assert_array_equal(problem.covariance[:3, :3], vague.covariance)
@@ -69,7 +69,7 @@ def test_a_static_robot_of_uncertain_position_is_found():
     wrong = np.array([12.4, -0.3, 0.0])
     vague = InitialPose(wrong, np.diag([0.16, 0.16, 0.0]))
     start = replace(start, poses={**start.poses, "S2": vague})
-    found = estimators.localize(recording, start, DEFAULTS).poses["S2"]
+    found = estimators.localize_recording(recording, start, DEFAULTS).poses["S2"]
     error = np.array([found.x[-1], found.y[-1]]) - ANCHORS[1]
     sigma = np.sqrt(found.covariance[-1].diagonal())
     assert np.hypot(*error) < 0.1
@@ -92,9 +92,9 @@ def brute_force(problem):
             if k == s.first[i + 1]:
                 continue
             own, T = slice(3 * i, 3 * i + 3), 3 * i + 2
-            dx, dy, c, sn = arc(x[T], s.v[k], s.omega[k], dt)
+            dx, dy, c, sn = exact_arc(x[T], s.v[k], s.omega[k], dt)
             xx, xy, yy, xt, yt, tt = process_noise(
-                s.v[k], dt, c, sn, s.interval[k], s.var_v[k], s.var_omega[k], EXACT
+                s.v[k], dt, c, sn, s.interval[k], s.var_v[k], s.var_omega[k], EXACT_NOISE
             )
             Q[own, own] = [[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]]
             F[own, T] = [-dy, dx, 1.0]
@@ -139,15 +139,15 @@ def test_ranges_between_odometry_samples_count_at_their_own_stamps():
     options = FilterSettings(
         gate=0.0, noise={"sigma_v": 0.01, "sigma_omega": 0.005, "sigma_range": 0.05}
     )
-    problem = lay_out(shifted, from_truth(shifted, SIGMA), options)
+    problem = build_problem(shifted, from_truth(shifted, SIGMA), options)
     run = solve_eskf(problem, options)
     mean, covariance = brute_force(problem)
     np.testing.assert_allclose(run.mean[:, :2], mean[:, :2], atol=2e-5)
-    np.testing.assert_allclose(wrap(run.mean[:, 2] - mean[:, 2]), 0.0, atol=2e-5)
+    np.testing.assert_allclose(wrap_angle(run.mean[:, 2] - mean[:, 2]), 0.0, atol=2e-5)
     scale = np.abs(covariance).max(axis=(1, 2), keepdims=True)
     np.testing.assert_allclose(run.covariance / scale, covariance / scale, atol=2e-3)
     # The same ranges at the stamps of the odometry instead are another answer.
-    other = lay_out(recording, from_truth(recording, SIGMA), options)
+    other = build_problem(recording, from_truth(recording, SIGMA), options)
     assert np.abs(solve_eskf(other, options).mean[:, :2] - mean[:, :2]).max() > 1e-3
 
 
@@ -155,7 +155,7 @@ def test_a_moving_robot_without_odometry_is_left_out_and_named():
     recording = team_recording(seed=9, seconds=10.0)
     start = from_truth(recording, SIGMA)
     bare = replace(recording, odometry=without(recording.odometry, "R2"))
-    posterior = estimators.localize(bare, start, DEFAULTS)
+    posterior = estimators.localize_recording(bare, start, DEFAULTS)
     assert posterior.robots == ("R1", "R3")
     assert posterior.left_out == ("R2 moves but has no odometry: not localized",)
     r2 = recording.team.index("R2")
@@ -169,7 +169,7 @@ def test_a_robot_without_initial_pose_is_left_out_and_named():
     recording = team_recording(seed=9, seconds=5.0)
     start = from_truth(recording, SIGMA)
     unplaced = replace(start, poses=without(start.poses, "R3", "S1"))
-    posterior = estimators.localize(recording, unplaced, DEFAULTS)
+    posterior = estimators.localize_recording(recording, unplaced, DEFAULTS)
     assert posterior.robots == ("R1", "R2")
     assert posterior.left_out == (
         "R3 has no initial pose: not localized",
@@ -186,20 +186,20 @@ def test_nobody_left_is_an_error_that_tells_why():
     recording = team_recording(seconds=2.0)
     start = from_truth(recording, SIGMA)
     with pytest.raises(CltError, match="R1 moves but has no odometry"):
-        estimators.localize(replace(recording, odometry={}), start, DEFAULTS)
+        estimators.localize_recording(replace(recording, odometry={}), start, DEFAULTS)
     with pytest.raises(CltError, match="R1 has no initial pose"):
-        estimators.localize(recording, replace(start, poses={}), DEFAULTS)
+        estimators.localize_recording(recording, replace(start, poses={}), DEFAULTS)
 
 
 def test_without_ranges_the_estimate_is_dead_reckoning_and_says_so():
     recording = replace(team_recording(seconds=5.0), ranges=no_ranges())
     start = from_truth(recording, SIGMA)
-    posterior = estimators.localize(recording, start, DEFAULTS)
+    posterior = estimators.localize_recording(recording, start, DEFAULTS)
     assert posterior.left_out == (
         "no range ties the team together: the estimate is dead reckoning",
     )
     assert posterior.innovations.stamp.size == 0
-    reckoned = estimators.dead_reckon(recording, start, DEFAULTS)
+    reckoned = estimators.dead_reckon_recording(recording, start, DEFAULTS)
     for name, poses in posterior.poses.items():
         np.testing.assert_array_equal(poses.x, reckoned[name].x)
         np.testing.assert_array_equal(poses.covariance, reckoned[name].covariance)
@@ -208,8 +208,10 @@ def test_without_ranges_the_estimate_is_dead_reckoning_and_says_so():
 def test_dead_reckoning_uses_no_range():
     recording = team_recording(seconds=5.0)
     start = from_truth(recording, SIGMA)
-    with_ranges = estimators.dead_reckon(recording, start, DEFAULTS)
-    alone = estimators.dead_reckon(replace(recording, ranges=no_ranges()), start, DEFAULTS)
+    with_ranges = estimators.dead_reckon_recording(recording, start, DEFAULTS)
+    alone = estimators.dead_reckon_recording(
+        replace(recording, ranges=no_ranges()), start, DEFAULTS
+    )
     for name in with_ranges:
         np.testing.assert_array_equal(with_ranges[name].x, alone[name].x)
 
@@ -220,7 +222,7 @@ def test_odometry_that_ends_early_is_bridged_and_the_robot_stays_located():
     cut = Odometry(*(column[:160] for column in vars(whole).values()))
     short = replace(recording, odometry={**recording.odometry, "R2": cut})
     start = from_truth(recording, SIGMA)
-    posterior = estimators.localize(short, start, DEFAULTS)
+    posterior = estimators.localize_recording(short, start, DEFAULTS)
     assert posterior.poses["R2"].stamp[-1] == cut.stamp[-1]
     assert posterior.poses["R1"].stamp[-1] == whole.stamp[-1]
     i = posterior.robots.index("R2")
@@ -234,8 +236,8 @@ def test_odometry_that_ends_early_is_bridged_and_the_robot_stays_located():
 def test_outputs_are_the_start_and_every_odometry_stamp():
     recording = team_recording(seconds=3.0, range_rate=7)
     start = from_truth(recording, SIGMA)
-    for source in (estimators.localize(recording, start, DEFAULTS).poses,
-                   estimators.dead_reckon(recording, start, DEFAULTS)):  # fmt: skip
+    for source in (estimators.localize_recording(recording, start, DEFAULTS).poses,
+                   estimators.dead_reckon_recording(recording, start, DEFAULTS)):  # fmt: skip
         for name, poses in source.items():
             stamps = recording.odometry[name].stamp
             np.testing.assert_array_equal(poses.stamp, np.append(start.stamp, stamps))
@@ -252,7 +254,7 @@ def test_a_start_in_the_middle_begins_there():
         k = np.searchsorted(truth[name].stamp, later)
         mean = np.array([truth[name].x[k], truth[name].y[k], truth[name].heading[k]])
         poses[name] = replace(poses[name], mean=mean)
-    posterior = estimators.localize(recording, Start(later, poses), DEFAULTS)
+    posterior = estimators.localize_recording(recording, Start(later, poses), DEFAULTS)
     assert all(track.stamp[0] == later for track in posterior.poses.values())
     assert posterior.innovations.stamp.min() > later
     assert np.abs(errors(recording, posterior.poses["R1"], "R1")[:, :2]).max() < 0.6
@@ -271,7 +273,7 @@ def test_dead_reckoning_along_a_line_is_as_uncertain_as_the_integral_of_its_nois
     given = {"R1": {"x": 1.0, "y": 2.0, "heading": heading, "sigma": [0.0, 0.0, 0.0]}}
     start = from_poses(recording, given, "poses.toml", SIGMA)
     assert start.stamp == 10**18
-    poses = estimators.dead_reckon(recording, start, DEFAULTS)["R1"]
+    poses = estimators.dead_reckon_recording(recording, start, DEFAULTS)["R1"]
     t = (poses.stamp - start.stamp) * 1e-9
     np.testing.assert_allclose(poses.x, 1.0 + v * t * np.cos(heading), atol=1e-9)
     c, s = np.cos(heading), np.sin(heading)
@@ -293,7 +295,7 @@ def consistency(options=DEFAULTS, **overrides):
     found = []
     for seed in range(1, 6):
         recording = simulated(seed, **overrides)
-        found.append(anees(recording, estimators.localize(
+        found.append(anees(recording, estimators.localize_recording(
             recording, from_truth(recording, SIGMA), options)))  # fmt: skip
     return float(np.mean(found))
 
@@ -316,7 +318,7 @@ def test_a_robot_whose_ranges_contradict_it_is_called_diverged():
     touched = (ranges.source == r1) | (ranges.target == r1)
     wild = ranges.range + 40.0 * touched * np.random.default_rng(0).random(ranges.range.size)
     spoiled = replace(recording, ranges=replace(ranges, range=wild))
-    posterior = estimators.localize(spoiled, from_truth(recording, SIGMA), DEFAULTS)
+    posterior = estimators.localize_recording(spoiled, from_truth(recording, SIGMA), DEFAULTS)
     assert posterior.diverged == ("R1",)
 
 
@@ -329,7 +331,7 @@ def test_anchors_have_antennas_too():
         ],
     }
     recording = simulate(load_scenario("shi-sim", overrides))
-    posterior = estimators.localize(recording, from_truth(recording, SIGMA), DEFAULTS)
+    posterior = estimators.localize_recording(recording, from_truth(recording, SIGMA), DEFAULTS)
     assert 0.8 < anees(recording, posterior) < 1.2
 
 
@@ -339,14 +341,14 @@ def test_lost_odometry_costs_what_the_covariance_says():
     for seed in range(4):
         overrides = {"duration": 60.0, "seed": seed, "network.loss": 0.3}
         recording = simulate(load_scenario("shi-sim", overrides))
-        posterior = estimators.localize(recording, from_truth(recording, SIGMA), DEFAULTS)
+        posterior = estimators.localize_recording(recording, from_truth(recording, SIGMA), DEFAULTS)
         values.append(anees(recording, posterior))
     assert 0.85 < np.mean(values) < 1.25
 
 
 def test_slow_odometry_does_not_hide_the_ranges_between():
     recording = simulate(load_scenario("shi-sim", {"duration": 30.0, "sensors.odometry.rate": 1.0}))
-    posterior = estimators.localize(recording, from_truth(recording, SIGMA), DEFAULTS)
+    posterior = estimators.localize_recording(recording, from_truth(recording, SIGMA), DEFAULTS)
     for poses in posterior.poses.values():
         assert np.max(np.diff(poses.stamp)) <= 100_000_000
         assert np.min(np.diff(poses.stamp)) > 0
@@ -362,17 +364,17 @@ def test_ranges_after_the_odometry_are_told():
         for name, stream in recording.odometry.items()
     }  # fmt: skip
     cut = replace(recording, odometry=short)
-    posterior = estimators.localize(cut, from_truth(cut, SIGMA), DEFAULTS)
+    posterior = estimators.localize_recording(cut, from_truth(cut, SIGMA), DEFAULTS)
     assert any("after the end of all odometry" in line for line in posterior.left_out)
     one = replace(recording, odometry={**recording.odometry, "R2": short["R2"]})
-    posterior = estimators.localize(one, from_truth(one, SIGMA), DEFAULTS)
+    posterior = estimators.localize_recording(one, from_truth(one, SIGMA), DEFAULTS)
     assert any("R2 ends 5.0 s before" in line for line in posterior.left_out)
 
 
 def test_outputs_of_a_log_that_jumps_by_decades_stay_within_it():
     """Parts of a gap times its length would not fit 64 bits."""
     stamps = np.array([10**9, 1_736_689_601_500_000_000])
-    cast = Cast(("R1",), (0,), (-1,), ())
+    cast = StateLayout(("R1",), (0,), (-1,), ())
     found = output_times(cast, {"R1": stamps}, 0).stamp
     assert found[0] == 0
     assert found[-1] == stamps[-1]

@@ -10,11 +10,11 @@ import pytest
 
 from clt.core.errors import CltError
 from clt.core.recording import Robot
-from clt.estimation.estimators import Estimator, dead_reckon, localize
+from clt.estimation.estimators import Estimator, dead_reckon_recording, localize_recording
 from clt.estimation.pipeline import estimate
 from clt.initialization.given.truth import from_truth
-from clt.model.choices import parse_view
-from clt.model.problem import lay_out
+from clt.model.choices import parse_frame_spec
+from clt.model.problem import build_problem
 from clt.model.settings import FilterSettings
 from clt.observability.advice import advise
 from tests.filters.teams import team_recording
@@ -35,17 +35,17 @@ def crowd(count, **words):
 
 @pytest.mark.parametrize(("frame", "name"), [("world", "eskf"), ("ego:R1", "mixture")])
 def test_idle_robots_change_nothing(frame, name):
-    view = parse_view(frame)
+    view = parse_frame_spec(frame)
     few, many = team_recording(seed=2, seconds=3.0), crowd(1000)
     begin = time.perf_counter()
     assert many.idle == tuple(f"Z{k}" for k in range(1000))
     start = from_truth(many, (0.1, 0.1, 0.1))
-    ours = localize(many, start, DEFAULTS, Estimator(name, view))
+    ours = localize_recording(many, start, DEFAULTS, Estimator(name, view))
     advise(many, start.poses, frame)
-    dead_reckon(many, start, DEFAULTS, view)
+    dead_reckon_recording(many, start, DEFAULTS, view)
     assert time.perf_counter() - begin < 60.0
     alone = from_truth(few, (0.1, 0.1, 0.1))
-    theirs = localize(few, alone, DEFAULTS, Estimator(name, view))
+    theirs = localize_recording(few, alone, DEFAULTS, Estimator(name, view))
     assert list(ours.poses) == list(theirs.poses)
     for robot, poses in theirs.poses.items():
         np.testing.assert_array_equal(ours.poses[robot].x, poses.x)
@@ -56,14 +56,14 @@ def test_idle_robots_change_nothing(frame, name):
 def test_an_idle_ego_stays():
     many = crowd(3)
     start = from_truth(many, (0.1, 0.1, 0.1))
-    problem = lay_out(many, start, DEFAULTS, parse_view("ego:Z1"))
+    problem = build_problem(many, start, DEFAULTS, parse_frame_spec("ego:Z1"))
     assert problem.robots == ("S1", "S2", "R1", "R2", "R3")
 
 
 def test_dead_reckoning_keeps_who_is_ranged():
     recording = team_recording(seed=2, seconds=3.0)
-    reckoned = dead_reckon(
-        recording, from_truth(recording, (0.1,) * 3), DEFAULTS, parse_view("ego:R1")
+    reckoned = dead_reckon_recording(
+        recording, from_truth(recording, (0.1,) * 3), DEFAULTS, parse_frame_spec("ego:R1")
     )
     assert list(reckoned) == ["S1", "S2", "R2", "R3"]
 
@@ -82,8 +82,8 @@ def test_a_covariance_beyond_all_digits_is_no_estimate(name):
     ranges = replace(recording.ranges, stamp=recording.ranges.stamp + 500_000 * HOUR)
     recording = replace(recording, odometry=late, ranges=ranges)
     start = from_truth(recording, (0.1, 0.1, 0.1))
-    estimator = Estimator(name, parse_view("ego:R1"))
-    stamp = lay_out(recording, start, DEFAULTS, estimator.view).outputs.stamp
+    estimator = Estimator(name, parse_frame_spec("ego:R1"))
+    stamp = build_problem(recording, start, DEFAULTS, estimator.view).outputs.stamp
     assert np.all(np.diff(stamp) >= 0)
     assert stamp[0] == start.stamp
     try:

@@ -11,7 +11,7 @@ import pytest
 from clt.estimation import estimators
 from clt.estimation.estimators import Estimator
 from clt.initialization.given.truth import from_truth
-from clt.model.choices import parse_view
+from clt.model.choices import parse_frame_spec
 from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
@@ -27,8 +27,8 @@ def localized(recording, *, filter_="eskf", frame="world", **settings):
     """What is said to be wrong with a run from the truth: the lines that end with exit code 3."""
     chosen = FilterSettings.model_validate(settings)
     start = from_truth(recording, chosen.initial.sigma)
-    estimator = Estimator(filter_, parse_view(frame))
-    posterior = estimators.localize(recording, start, chosen, estimator)
+    estimator = Estimator(filter_, parse_frame_spec(frame))
+    posterior = estimators.localize_recording(recording, start, chosen, estimator)
     return [line for line in posterior.left_out if "covariances are too small" in line]
 
 

@@ -10,8 +10,8 @@ import pytest
 from clt.core.recording import Attachment
 from clt.core.start import InitialPose
 from clt.estimation import estimators
-from clt.estimation.finite import only_finite
-from clt.estimation.pipeline import certain, estimate, placed
+from clt.estimation.finite import keep_finite
+from clt.estimation.pipeline import estimate, is_certain, place_fixed_robots
 from clt.initialization.given.truth import from_truth
 from clt.metrics.evaluate import evaluate
 from clt.model.settings import FilterSettings
@@ -42,7 +42,7 @@ def test_a_result_carries_what_it_was_made_from_except_the_measurements(recordin
     assert made.ranges.stamp.size == 0
     assert made.estimate == result.posterior.poses
     assert made.innovations is result.posterior.innovations
-    baseline = estimators.dead_reckon(recording, start, DEFAULTS)
+    baseline = estimators.dead_reckon_recording(recording, start, DEFAULTS)
     assert set(made.dead_reckoning) == set(made.estimate)
     for name, poses in made.dead_reckoning.items():
         np.testing.assert_array_equal(poses.x, baseline[name].x)
@@ -61,36 +61,36 @@ def test_fixed_robots_get_the_position_that_the_filter_took(recording, start):
     vague = InitialPose(np.array([11.0, 1.0, 0.0]), np.diag([0.01, 0.01, 0.0]))
     for pose, expected in ((moved, (11.0, 1.0)), (vague, (12.0, 0.0))):
         other = replace(start, poses={**start.poses, "S2": pose})
-        robots = {robot.name: robot for robot in placed(recording.team, other)}
+        robots = {robot.name: robot for robot in place_fixed_robots(recording.team, other)}
         assert robots["S2"].position == expected
         assert robots["S1"].position == (0.0, 0.0)
         assert robots["R1"].position is None
-    assert (certain(moved), certain(vague)) == (True, False)
+    assert (is_certain(moved), is_certain(vague)) == (True, False)
 
 
 @pytest.mark.parametrize("column", ["x", "y", "heading", "covariance"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_trajectory_that_is_not_finite_never_reaches_a_log(recording, start, column, value):
-    posterior = estimators.localize(recording, start, DEFAULTS)
+    posterior = estimators.localize_recording(recording, start, DEFAULTS)
     broken = np.array(getattr(posterior.poses["R2"], column))
     broken[3] = value
     poses = {**posterior.poses, "R2": replace(posterior.poses["R2"], **{column: broken})}
-    found = only_finite(replace(posterior, poses=poses))
+    found = keep_finite(replace(posterior, poses=poses))
     assert set(found.poses) == {"R1", "R2", "R3"}
     kept = np.delete(posterior.poses["R2"].stamp, 3)
     np.testing.assert_array_equal(found.poses["R2"].stamp, kept)
     assert np.isfinite(found.poses["R2"].covariance).all()
     assert found.diverged == ("R2",)
     assert any("1 of 101 estimates of R2 are no numbers" in line for line in found.left_out)
-    assert only_finite(posterior) == posterior
+    assert keep_finite(posterior) == posterior
 
 
 def test_innovations_that_are_not_finite_never_reach_a_log(recording, start):
-    posterior = estimators.localize(recording, start, DEFAULTS)
+    posterior = estimators.localize_recording(recording, start, DEFAULTS)
     broken = posterior.innovations.residual.copy()
     broken[[2, 5]] = np.nan, 1e300
     innovations = replace(posterior.innovations, residual=broken)
-    found = only_finite(replace(posterior, innovations=innovations))
+    found = keep_finite(replace(posterior, innovations=innovations))
     assert found.innovations.stamp.size == broken.size - 2
     assert np.abs(found.innovations.residual).max() < 1e12
     assert any("2 of" in line and "innovations are no numbers" in line for line in found.left_out)

@@ -7,20 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clt.core.geometry import relative_pose, wrap
+from clt.core.geometry import relative_pose, wrap_angle
 from clt.core.start import InitialPose, Start
-from clt.estimation.estimators import Estimator, localize
-from clt.estimation.start_draws import swayed, wide
+from clt.estimation.estimators import Estimator, localize_recording
+from clt.estimation.start_draws import start_sensitive_robots, wide_start_blocks
 from clt.filters.kalman import gaussian
 from clt.initialization.given.truth import from_truth
-from clt.model.choices import parse_view
-from clt.model.problem import lay_out
+from clt.model.choices import parse_frame_spec
+from clt.model.problem import build_problem
 from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
 
 DEFAULTS = FilterSettings()
-VIEW = parse_view("ego:R1")
+VIEW = parse_frame_spec("ego:R1")
 
 
 def pair(seed, sigma):
@@ -39,25 +39,32 @@ def pair(seed, sigma):
 
 
 def swayed_of(recording, start):
-    problem = lay_out(recording, start, DEFAULTS, VIEW)
-    solution = gaussian.solve_alone(problem, DEFAULTS)
-    return swayed(problem, solution, lambda other: gaussian.solve_alone(other, DEFAULTS))
+    problem = build_problem(recording, start, DEFAULTS, VIEW)
+    solution = gaussian.solve_eskf_without_search(problem, DEFAULTS)
+    return start_sensitive_robots(
+        problem, solution, lambda other: gaussian.solve_eskf_without_search(other, DEFAULTS)
+    )
 
 
 def test_a_start_that_is_known_well_is_not_looked_at():
     recording, start = pair(1, (0.02, 0.02))
-    problem = lay_out(recording, start, DEFAULTS, VIEW)
-    assert not any(wide(problem))
+    problem = build_problem(recording, start, DEFAULTS, VIEW)
+    assert not any(wide_start_blocks(problem))
 
     def never(_):
         raise AssertionError
 
-    assert swayed(problem, gaussian.solve_alone(problem, DEFAULTS), never) == ()
+    assert (
+        start_sensitive_robots(
+            problem, gaussian.solve_eskf_without_search(problem, DEFAULTS), never
+        )
+        == ()
+    )
 
 
 def nees(recording, start):
     """Mean NEES per dimension of the EKF, by the exact truth."""
-    poses = localize(recording, start, DEFAULTS, Estimator("ekf", VIEW)).poses["R2"]
+    poses = localize_recording(recording, start, DEFAULTS, Estimator("ekf", VIEW)).poses["R2"]
     stamp = recording.truth["R1"].stamp
     both = np.intersect1d(poses.stamp, stamp, return_indices=True)
     own, true = both[1], both[2]
@@ -66,7 +73,7 @@ def nees(recording, start):
         for one in (recording.truth["R1"], recording.truth["R2"])
     )
     d = np.stack([poses.x, poses.y, poses.heading], axis=1)[own] - relative_pose(first, second)
-    d[:, 2] = wrap(d[:, 2])
+    d[:, 2] = wrap_angle(d[:, 2])
     square = np.linalg.solve(poses.covariance[own], d[:, :, None])[:, :, 0]
     return float(np.einsum("ni,ni->n", d, square).mean()) / 3.0
 
@@ -85,7 +92,7 @@ def test_estimates_that_are_far_off_are_noticed_and_good_ones_are_not():
 def test_the_line_is_for_filters_of_one_gaussian(name):
     seed = next(s for s in range(6, 12) if swayed_of(*pair(s, (1.0, 0.5))) != ())
     recording, start = pair(seed, (1.0, 0.5))
-    left = localize(recording, start, DEFAULTS, Estimator(name, VIEW)).left_out
+    left = localize_recording(recording, start, DEFAULTS, Estimator(name, VIEW)).left_out
     assert any("too uncertain for one Gaussian" in line for line in left) == (name == "ekf")
 
 
@@ -95,10 +102,10 @@ def test_errors_of_odometry_far_beyond_the_settings_are_said():
         load_scenario("shi-sim", {"duration": 30.0, "sensors.odometry.scale_v": 1.2})
     )
     settings = FilterSettings.model_validate({"noise": {"scale": 0.01, "bias": 0.001}})
-    found = localize(recording, from_truth(recording, (0.01,) * 3), settings)
+    found = localize_recording(recording, from_truth(recording, (0.01,) * 3), settings)
     assert any("standard deviation that the settings state" in line for line in found.left_out)
     right = simulate(load_scenario("shi-sim", {"duration": 30.0}))
-    fine = localize(right, from_truth(right, (0.01,) * 3), settings)
+    fine = localize_recording(right, from_truth(right, (0.01,) * 3), settings)
     assert not any("settings state" in line for line in fine.left_out)
 
 
@@ -109,7 +116,7 @@ def test_a_static_robot_has_no_heading_in_the_world():
     start = from_truth(recording, (0.01, 0.01, 0.01))
     unsure = InitialPose(start.poses["R2"].mean, np.diag([0.25, 0.25, 0.0]))
     start = replace(start, poses={**start.poses, "R2": unsure})
-    found = localize(recording, start, DEFAULTS, Estimator("ukf"))
+    found = localize_recording(recording, start, DEFAULTS, Estimator("ukf"))
     P = found.poses["R2"].covariance
     assert P is not None
     assert np.degrees(np.sqrt(P[-1, 2, 2])) > 100.0

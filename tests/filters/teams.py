@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.core.recording import Odometry, Poses, Ranges, Recording, Robot, Team
 
 FINE = 1000
@@ -54,7 +54,7 @@ def team_recording(
             unknown,
         )
         truth[robot.name] = Poses(
-            "world", stamp, stamp, at(stamp, x), at(stamp, y), wrap(at(stamp, theta))
+            "world", stamp, stamp, at(stamp, x), at(stamp, y), wrap_angle(at(stamp, theta))
         )
         heading = at(ping, theta)
         c, sn = np.cos(heading), np.sin(heading)

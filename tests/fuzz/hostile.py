@@ -49,7 +49,7 @@ def hostile(rng: Random, honest: Recording | None = None) -> bytes:
         file = io.BytesIO()
         try:
             # The check would refuse to write most of it.
-            with patch("clt.log.recording.channels._finite"), np.errstate(all="ignore"):
+            with patch("clt.log.recording.channels._check_finite"), np.errstate(all="ignore"):
                 save(file, changed, dict(changed.run) or {"command": "clt"})
         except (CltError, ValueError, OverflowError, IndexError):
             continue  # no log can hold that

@@ -23,10 +23,10 @@ import numpy as np
 
 from clt.core.document import Document
 from clt.core.errors import CltError
-from clt.log.mcap.scan import Scan
+from clt.log.mcap.scan import McapScan
 from clt.log.recording.load import load
-from clt.log.recording.recover import recover
-from clt.log.recording.summary import as_dict, summarize
+from clt.log.recording.recover import salvage_log
+from clt.log.recording.summary import info_dict, summarize_recording
 from tests.fuzz import mutate
 from tests.log.logs import (
     LZ4,
@@ -116,7 +116,7 @@ def mapped(path):
 
 def scanned(path, data):
     """The records alone, without a file, which is cheap."""
-    scan = Scan(BytesIO(data), str(path))
+    scan = McapScan(BytesIO(data), str(path))
     assert sum(1 for _ in scan) >= 0
     assert all(str(path) in fault.text for fault in scan.faults.all())
 
@@ -148,7 +148,7 @@ def steps_of(seed, quick):
 def examine(loaded):
     """Everything that `clt info` would say, and that columns promised finite are."""
     recording = loaded.recording
-    json.dumps(as_dict(loaded, summarize(recording)), allow_nan=False)
+    json.dumps(info_dict(loaded, summarize_recording(recording)), allow_nan=False)
     for fault in recording.faults:
         assert loaded.path in fault.text
     tables = [recording.ranges, recording.innovations]
@@ -165,11 +165,11 @@ def examine(loaded):
 def saved(path):
     """What is recovered is sound."""
     file = BytesIO()
-    found = recover(path, file)
+    found = salvage_log(path, file)
     again = path.with_name("again.mcap")
     again.write_bytes(file.getvalue())
     second = BytesIO()
-    twice = recover(again, second)
+    twice = salvage_log(again, second)
     assert twice.messages == found.messages, "recovered twice differs"
     assert not any(fault.data_lost for fault in twice.faults), twice.faults
     if found.messages > 0:

@@ -13,10 +13,10 @@ import warnings
 from pathlib import Path
 from random import Random
 
-from clt.cli.commands.localize import read_settings
+from clt.cli.commands.localize import read_filter_settings
 from clt.core.document import Document
 from clt.core.errors import UsageError
-from clt.core.settings import Settings, assignments, from_environment, known_keys
+from clt.core.settings import Settings, known_keys, parse_assignments, settings_from_environment
 from clt.model.settings import FilterSettings
 from clt.sim.scenario import Scenario, load_scenario
 from tests.fuzz.oracle import run
@@ -54,21 +54,21 @@ def parsed(rng: Random, folder: Path) -> list[str]:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             if way == "set":
-                options = assignments([f"{key}={value}"])
+                options = parse_assignments([f"{key}={value}"])
                 if model is FilterSettings:
-                    read_settings(None, [f"{key}={value}"])
+                    read_filter_settings(None, [f"{key}={value}"])
                 else:
                     load_scenario("shi-sim", options)
             elif way == "file":
                 text = f"{key} = {value}\n".encode(errors="replace")
                 document = Document(folder / "a.toml", text)
                 if model is FilterSettings:
-                    read_settings(document, [])
+                    read_filter_settings(document, [])
                 else:
                     load_scenario(document)
             else:
                 name = "CLT_" + key.replace(".", "__").upper()
-                found = from_environment(model, {name: value})
+                found = settings_from_environment(model, {name: value})
                 if model is Scenario:
                     load_scenario("shi-sim", environment=found)
     except UsageError as error:

@@ -23,7 +23,7 @@ from pathlib import Path
 from typer.testing import CliRunner
 
 from clt.cli.app import app
-from clt.log.output import output
+from clt.log.output import open_output
 
 SENT = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGKILL: None}
 COMMANDS = (
@@ -103,7 +103,7 @@ def stop(
     left = {path.name for path in folder.iterdir()} - {"log.mcap", "result.mcap"}
     hidden = {one for one in left if one.startswith(".out.clt-")}
     if sent == signal.SIGKILL and len(hidden) > 0:
-        with output(folder / name, force=True) as file:  # as the next run does
+        with open_output(folder / name, force=True) as file:  # as the next run does
             file.write(whole)
         left = {path.name for path in folder.iterdir()} - {"log.mcap", "result.mcap"}
     if not left <= {name}:

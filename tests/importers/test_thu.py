@@ -10,8 +10,8 @@ from scipy.io import savemat
 
 from clt.core.errors import LogError
 from clt.core.recording import Recording
-from clt.importers import FORMATS
-from clt.importers.thu import MAT, SURVEY, read_thu
+from clt.importers import IMPORT_FORMATS
+from clt.importers.thu import MAT_FILE, SURVEY_FILE, read_thu
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "thu_rcl_20190418"
 # Its other text is GBK; the words are "anchor" and "start".
@@ -58,9 +58,9 @@ def structs(entries: Any) -> Any:
 
 
 def write(folder: Path, data: dict[str, Any], text: bytes | None = TEXT) -> Path:
-    savemat(folder / MAT, {name: structs(value) for name, value in data.items()})
+    savemat(folder / MAT_FILE, {name: structs(value) for name, value in data.items()})
     if text is not None:
-        (folder / SURVEY).write_bytes(text)
+        (folder / SURVEY_FILE).write_bytes(text)
     return folder
 
 
@@ -101,7 +101,7 @@ def test_ranges(tmp_path: Path) -> None:
 
 def test_file_instead_of_folder(tmp_path: Path) -> None:
     folder = write(tmp_path, content())
-    assert read_thu(folder / MAT).team == read_thu(folder).team
+    assert read_thu(folder / MAT_FILE).team == read_thu(folder).team
 
 
 def test_columns_are_sorted_by_time(tmp_path: Path) -> None:
@@ -170,9 +170,9 @@ def test_malformed_mat(
     ],
 )
 def test_damaged_mat(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
-    path = write(tmp_path, content()) / MAT
+    path = write(tmp_path, content()) / MAT_FILE
     path.write_bytes(damage(path.read_bytes()))
-    with pytest.raises(LogError, match=MAT):
+    with pytest.raises(LogError, match=MAT_FILE):
         read_thu(tmp_path)
 
 
@@ -187,7 +187,7 @@ def test_damaged_mat(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
 def test_bad_survey(tmp_path: Path, text: bytes | None, said: str) -> None:
     with pytest.raises(LogError, match=said) as caught:
         read_thu(write(tmp_path, content(), text))
-    assert SURVEY in str(caught.value)
+    assert SURVEY_FILE in str(caught.value)
 
 
 def test_missing_folder(tmp_path: Path) -> None:
@@ -196,7 +196,7 @@ def test_missing_folder(tmp_path: Path) -> None:
 
 
 def test_known_format() -> None:
-    assert FORMATS["thu"].read is read_thu
+    assert IMPORT_FORMATS["thu"].read is read_thu
 
 
 @pytest.fixture(scope="module")

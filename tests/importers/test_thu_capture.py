@@ -10,9 +10,9 @@ import pytest
 
 from clt.core.errors import LogError
 from clt.core.recording import Recording
-from clt.importers import FORMATS
+from clt.importers import IMPORT_FORMATS
 from clt.importers.thu_capture import read_capture
-from clt.initialization.motion.layout import lay_out
+from clt.initialization.motion.layout import estimate_layout
 from clt.initialization.motion.motion import from_motion
 from clt.initialization.pair_distances import mean_distances
 from clt.model.settings import FilterSettings
@@ -165,7 +165,7 @@ def test_unreadable(tmp_path: Path) -> None:
 
 
 def test_known_format() -> None:
-    assert FORMATS["thu-capture"].read is read_capture
+    assert IMPORT_FORMATS["thu-capture"].read is read_capture
 
 
 @pytest.fixture(scope="module")
@@ -195,7 +195,7 @@ def test_real_layout(real: Recording) -> None:
     span = int(ranges.stamp[0]) - 1, int(ranges.stamp[-1])
     pairs = mean_distances(recording, range(4), *span, settings.noise)
     assert pairs.distance == pytest.approx([0.487, 1.424, 0.958, 1.616, 0.475, 1.476], abs=0.002)
-    found = lay_out(pairs, 4, {})
+    found = estimate_layout(pairs, 4, {})
     assert found.used.all()
     assert float(np.sqrt(np.mean(found.residual**2))) < 0.03
     start = from_motion(recording, settings).robots

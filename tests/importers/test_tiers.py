@@ -11,12 +11,12 @@ import pytest
 from rosbags.typesys import Stores
 from typer.testing import CliRunner
 
-from clt.calibration.apply import apply, read_calibration
+from clt.calibration.apply import apply_calibration, read_calibration
 from clt.cli.app import app
 from clt.core.errors import LogError
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.core.recording import Recording
-from clt.importers import FORMATS
+from clt.importers import IMPORT_FORMATS
 from clt.importers.tiers import read_tiers
 from clt.log.recording.load import load
 from clt.metrics.associate import interpolate
@@ -92,7 +92,7 @@ def test_folder_file_and_packed_file_are_one(tmp_path):
     packed = tmp_path / "packed" / f"{path.name}.gz"
     packed.parent.mkdir()
     packed.write_bytes(gzip.compress(path.read_bytes()))
-    files = FORMATS["tiers"].files
+    files = IMPORT_FORMATS["tiers"].files
     assert files(path.parent) == (path,)
     assert files(packed.parent) == (packed,)
     first = read_tiers(path)
@@ -330,7 +330,7 @@ def test_real_run(real):
 def test_calibration_of_the_real_run(real):
     """What the file says of ranges and of the odometry's scale comes out of the data."""
     calibration = read_calibration(ROOT / "benchmarks" / "tiers_calibration.toml")
-    ranges = apply(real, calibration).ranges
+    ranges = apply_calibration(real, calibration).ranges
     poses = [interpolate(track, ranges.stamp, 0.5) for track in real.truth.values()]
     both = np.intersect1d(poses[0][0], poses[1][0])
     a, b = (values[np.searchsorted(found, both)] for found, values, _ in poses)
@@ -340,7 +340,7 @@ def test_calibration_of_the_real_run(real):
     odometry = real.odometry["turtle01"]
     found, pose, _ = interpolate(real.truth["turtle01"], odometry.stamp, 0.5)
     ends = np.arange(0, len(found), 60)
-    turn = wrap(np.diff(pose[:, 2]))
+    turn = wrap_angle(np.diff(pose[:, 2]))
     middle = pose[:-1, 2] + 0.5 * turn
     step = np.cos(middle) * np.diff(pose[:, 0]) + np.sin(middle) * np.diff(pose[:, 1])
     told = odometry.v[found][1:] * np.diff(odometry.stamp[found]) * 1e-9

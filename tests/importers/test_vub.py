@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clt.calibration.apply import apply, read_calibration
+from clt.calibration.apply import apply_calibration, read_calibration
 from clt.core.errors import LogError
-from clt.core.geometry import wrap
-from clt.importers import FORMATS
-from clt.importers.vub import files, read_vub
+from clt.core.geometry import wrap_angle
+from clt.importers import IMPORT_FORMATS
+from clt.importers.vub import read_vub, vub_files
 
 ROOT = Path(__file__).parents[2]
 REAL = ROOT.parent / "shared" / "data" / "vub_tb4_relative"
@@ -95,11 +95,11 @@ def test_streams(tmp_path, suffix):
 
 def test_paths_of_an_experiment(tmp_path):
     experiment(tmp_path)
-    assert len(files(tmp_path)) == 5
+    assert len(vub_files(tmp_path)) == 5
     experiment(tmp_path, "exp2")
-    names = {file.name for file in files(tmp_path / "exp2")}
+    names = {file.name for file in vub_files(tmp_path / "exp2")}
     assert names == {f"exp2_{x}.csv.gz" for x in ("uwb", "tb2_vio", "tb3_vio", *VICON)}
-    assert files(tmp_path / "exp2_tb3_vio.csv.gz") == files(tmp_path / "exp2")
+    assert vub_files(tmp_path / "exp2_tb3_vio.csv.gz") == vub_files(tmp_path / "exp2")
     with pytest.raises(LogError, match="give one experiment, as FOLDER/NAME; it has: exp1, exp2"):
         read_vub(tmp_path)
     with pytest.raises(LogError, match="no experiment `exp3`; it has: exp1, exp2"):
@@ -207,7 +207,7 @@ def test_damaged_file(tmp_path, data, said):
 
 
 def test_known_format():
-    assert FORMATS["vub"].read is read_vub
+    assert IMPORT_FORMATS["vub"].read is read_vub
 
 
 def real(name):
@@ -224,7 +224,7 @@ def block_means(values, size):
 def speeds(recording, name, size=50):
     """True and measured forward speed, means over 5 s."""
     truth = recording.truth[name]
-    middle = truth.heading[:-1] + 0.5 * wrap(np.diff(truth.heading))
+    middle = truth.heading[:-1] + 0.5 * wrap_angle(np.diff(truth.heading))
     step = np.cos(middle) * np.diff(truth.x) + np.sin(middle) * np.diff(truth.y)
     return block_means(step / 0.1, size), block_means(recording.odometry[name].v, size)
 
@@ -237,7 +237,7 @@ def test_calibration_of_the_real_run():
     a, b = recording.truth.values()
     assert np.array_equal(a.stamp, recording.ranges.stamp)
     distance = np.hypot(a.x - b.x, a.y - b.y)
-    error = apply(recording, calibration).ranges.range - distance
+    error = apply_calibration(recording, calibration).ranges.range - distance
     assert abs(np.median(error)) < 0.002
     spread = 1.4826 * np.median(np.abs(error))
     assert spread == pytest.approx(recording.team.range_sigma, abs=0.005)
@@ -245,7 +245,7 @@ def test_calibration_of_the_real_run():
         true, told = speeds(recording, name)
         scale = calibration.odometry[name].scale
         assert (true @ told) / (told @ told) == pytest.approx(scale, abs=0.002)
-        turn = wrap(np.diff(recording.truth[name].heading)) / 0.1
+        turn = wrap_angle(np.diff(recording.truth[name].heading)) / 0.1
         assert abs(np.mean(recording.odometry[name].omega - turn)) < 1.5e-4
 
 

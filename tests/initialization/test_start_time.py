@@ -9,7 +9,7 @@ import pytest
 
 from clt.core.errors import CltError
 from clt.initialization.motion.motion import from_motion
-from clt.initialization.start_time import beginning
+from clt.initialization.start_time import choose_start_time
 from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
@@ -72,7 +72,7 @@ def test_most_robots_decide_who_is_late():
     recording = simulated("shi-sim")
     for name in ("R4", "R5"):
         recording = joining(recording, name, 20.0)
-    when = beginning(recording, ["R3", "R4", "R5"])
+    when = choose_start_time(recording, ["R3", "R4", "R5"])
     assert when.names == ("R3", "R4", "R5")
     assert after(recording, when.stamp) == pytest.approx(20.0, abs=0.1)
 
@@ -118,4 +118,4 @@ def test_odometry_that_is_over_at_once_is_one_line():
         for name, stream in recording.odometry.items()
     }
     with pytest.raises(CltError, match="no moving robot can be initialized: R3: its odometry ends"):
-        beginning(replace(recording, odometry=one), list(one))
+        choose_start_time(replace(recording, odometry=one), list(one))

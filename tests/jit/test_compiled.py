@@ -15,15 +15,15 @@ import pytest
 from clt.jit import compiled
 
 LEAF = """
-from kernels.compiled import lean
+from kernels.compiled import compiled_noalloc
 
-@lean
+@compiled_noalloc
 def leaf(x):
     return x + {term}
 """
 ROOT = """
 import numpy as np
-from kernels.compiled import inlined, is_cached, kernel, lean, watched
+from kernels.compiled import compiled_noalloc, inlined, is_cached, kernel, watch_numba_compilation
 from kernels.leaf import leaf
 
 @inlined
@@ -38,12 +38,12 @@ def root(x):
 def makes_arrays(n):
     return np.full(n, -1).sum()
 
-@lean
+@compiled_noalloc
 def makes_none(n):
     return makes_arrays(n)
 
 print(is_cached(root))
-with watched(lambda kept: print("compiling", kept)):
+with watch_numba_compilation(lambda kept: print("compiling", kept)):
     root(1.0), root(np.float32(1.0)), makes_none(3)
 print(is_cached(root), root(1.0))
 """
@@ -100,7 +100,7 @@ def test_works_where_nothing_can_be_written(package, tmp_path):
 def test_other_threads_run_beside_a_kernel():
     """The main thread answers signals meanwhile."""
 
-    @compiled.lean
+    @compiled.compiled_noalloc
     def busy(n):
         s = 0.0
         for k in range(n):

@@ -28,10 +28,10 @@ def foreign(out):
 MAIN = """
 import sys
 import numpy as np
-from clt.jit.kept import Kept, watched
+from clt.jit.kept import CachedKernel, watch_kernel_compilation
 
-fill, nothing = Kept("cores.kernel", "fill"), Kept("cores.kernel", "nothing")
-with watched(lambda kept: print("compiling", kept)):
+fill, nothing = CachedKernel("cores.kernel", "fill"), CachedKernel("cores.kernel", "nothing")
+with watch_kernel_compilation(lambda kept: print("compiling", kept)):
     out = np.zeros((2, 3))
     print(fill((np.array([1, 2]), np.arange(3.0)), out), out.tolist())
     wide = np.zeros((3, 2)).T
@@ -106,9 +106,9 @@ def test_works_where_nothing_can_be_written_and_without_compiling(package, tmp_p
 def test_refuses_code_that_needs_more_than_every_process_has(package, tmp_path):
     (package / "other.py").write_text(
         "import numpy as np\n"
-        "from clt.jit.kept import Kept\n"
+        "from clt.jit.kept import CachedKernel\n"
         "try:\n"
-        "    Kept('cores.kernel', 'foreign')(np.ones(1))\n"
+        "    CachedKernel('cores.kernel', 'foreign')(np.ones(1))\n"
         "except RuntimeError as error:\n"
         "    print(error)\n"
     )

@@ -12,9 +12,9 @@ from mcap.exceptions import McapError
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
-from clt.log.cdr.batch_decoder import Column, Decoded
+from clt.log.cdr.batch_decoder import Column, DecodedColumns
 from clt.log.cdr.msgdef import Struct
-from clt.log.cdr.paths import Leaf, resolve
+from clt.log.cdr.paths import LeafType, resolve_path
 from clt.log.mcap.table import Messages
 
 FAILURES = (
@@ -29,12 +29,12 @@ FAILURES = (
 """What the decoder and the path raise on bytes that do not fit the definition."""
 
 
-def decode(messages: Messages, struct: Struct, text: str, paths: Sequence[str]) -> Decoded:
+def decode(messages: Messages, struct: Struct, text: str, paths: Sequence[str]) -> DecodedColumns:
     """The wanted fields of `messages`; `text` is the `ros2msg` schema that `struct` came from.
 
-    Raises PathError as `clt.log.cdr.batch_decoder.decode` does.
+    Raises PathError as `clt.log.cdr.batch_decoder.decode_columns` does.
     """
-    leaves = {path: resolve(struct, path) for path in paths}
+    leaves = {path: resolve_path(struct, path) for path in paths}
     steps = {path: _steps(path) for path in paths}
     good = np.ones(len(messages.offset), np.bool_)
     values: dict[str, list[Any]] = {path: [] for path in paths}
@@ -52,7 +52,7 @@ def decode(messages: Messages, struct: Struct, text: str, paths: Sequence[str]) 
             found = {path: _nothing(leaf) for path, leaf in leaves.items()}
         for path in paths:
             values[path].append(found[path])
-    return Decoded({path: _column(values[path], leaves[path]) for path in paths}, good)
+    return DecodedColumns({path: _column(values[path], leaves[path]) for path in paths}, good)
 
 
 def _steps(path: str) -> list[str | int]:
@@ -65,13 +65,13 @@ def _follow(message: Any, steps: list[str | int]) -> Any:
     return list(message) if isinstance(message, bytes) else message
 
 
-def _nothing(leaf: Leaf) -> Any:
+def _nothing(leaf: LeafType) -> Any:
     if leaf.kind == "text":
         return ""
     return 0 if leaf.size is None else [0] * leaf.size
 
 
-def _column(values: list[Any], leaf: Leaf) -> Column:
+def _column(values: list[Any], leaf: LeafType) -> Column:
     shape = (len(values),) if leaf.size is None else (len(values), leaf.size)
     if leaf.kind == "text":
         return np.array(values, dtype=np.object_).reshape(shape)

@@ -18,14 +18,14 @@ from typer.testing import CliRunner
 
 from clt.cli.app import app
 from clt.core.errors import LogError
-from clt.core.printable import name, printable
-from clt.core.recording import Frames, Robot, Team
+from clt.core.printable import printable, printable_name
+from clt.core.recording import Robot, Team, UwbPackets
 from clt.log.mcap import chunk
-from clt.log.mcap.records import MAGIC
+from clt.log.mcap.records import MCAP_MAGIC
 from clt.log.mcap.write import write_log as write
 from clt.log.recording.load import load
-from clt.log.recording.packets import frame_channel
-from clt.log.recording.summary import as_dict, summarize
+from clt.log.recording.packets import packet_channel
+from clt.log.recording.summary import info_dict, summarize_recording
 from tests.log.logs import odometry_message, pose_message, range_message, write_log
 
 SECOND = 10**9
@@ -132,12 +132,12 @@ def test_thousands_of_channels_before_their_schema(tmp_path):
         records.Schema(number, b"int32 a", "ros2msg", "a/msg/B").write(builder)
     records.Message(1, 0, b"\0\1\0\0\1\0\0\0", 0, 0).write(builder)
     with pytest.raises(LogError, match=r"log\.mcap"):
-        read(tmp_path, MAGIC + bytes(builder.end()))
+        read(tmp_path, MCAP_MAGIC + bytes(builder.end()))
 
 
 def test_a_zip_bomb_ends_early(tmp_path, monkeypatch):
     """Chunks beyond the limit are faults; what stands beside them is read."""
-    monkeypatch.setattr(chunk, "FREE", 1 << 20)
+    monkeypatch.setattr(chunk, "FREE_INFLATED_BYTES", 1 << 20)
     monkeypatch.setattr("clt.log.mcap.record_stream.FREE", 1 << 20)
     row = b"\x05" + (22 + 4096).to_bytes(8, "little") + bytes(22 + 4096)
     big = row * 128
@@ -174,7 +174,7 @@ def test_run_records_that_are_no_plain_json(tmp_path, value):
         [("clt.run", {"seed": value})],
     )
     loaded = read(tmp_path, data)
-    json.dumps(as_dict(loaded, summarize(loaded.recording)), allow_nan=False, indent=1)
+    json.dumps(info_dict(loaded, summarize_recording(loaded.recording)), allow_nan=False, indent=1)
 
 
 @pytest.mark.parametrize("place", ["antenna", "position", "id", "sigma_v"])
@@ -219,7 +219,7 @@ def test_text_is_made_printable():
         "a\\x1b[31m\\r\\nb\\u202e\\x9b\\u2028\\ud800"
     )
     assert len(printable("x" * 10**6)) < 4100
-    assert name("x" * 200) == "x" * 50 + "..." + "x" * 50
+    assert printable_name("x" * 200) == "x" * 50 + "..." + "x" * 50
 
 
 def test_a_command_says_when_memory_runs_out(tmp_path, monkeypatch):
@@ -238,15 +238,15 @@ def test_a_command_says_when_memory_runs_out(tmp_path, monkeypatch):
 
 def test_packets_of_a_team_too_large(tmp_path, monkeypatch):
     """Receptions are a table of packets by robots; a team of thousands may ask for all memory."""
-    monkeypatch.setattr("clt.log.recording.packets.ENTRIES", 100)
+    monkeypatch.setattr("clt.log.recording.packets.MAX_PACKET_ENTRIES", 100)
     robots = [{"name": f"R{k}", "id": k} for k in range(1, 102)]
     team = Team(tuple(Robot(robot["name"], robot["id"]) for robot in robots))
     one, none = np.array([SECOND]), np.full((1, len(robots)), -1)
     zero = np.zeros(1, np.int64)
     x = np.zeros(1)
-    frames = Frames(one, one, zero, zero, zero, none, none, zero - 1, x * np.nan, x * np.nan)
+    frames = UwbPackets(one, one, zero, zero, zero, none, none, zero - 1, x * np.nan, x * np.nan)
     few = replace(frames, receive=none[:, :2], heard=none[:, :2])
-    channel = frame_channel(Team(team.robots[:2]), 0, few)
+    channel = packet_channel(Team(team.robots[:2]), 0, few)
     file = BytesIO()
     write(file, [channel], {"clt.team": {"robots": json.dumps(robots)}})
     with pytest.raises(LogError, match=r"log\.mcap: /R1/uwb/frame: 1 packets among 101 robots"):

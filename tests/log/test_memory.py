@@ -14,7 +14,7 @@ from clt.log.mcap.write import write_log
 from clt.log.recording.channels import odometry_channel, range_channel, truth_channel
 from clt.log.recording.load import load
 from clt.log.recording.metadata import encode_team
-from clt.log.recording.summary import as_dict, summarize
+from clt.log.recording.summary import info_dict, summarize_recording
 
 N = 40_000
 
@@ -55,7 +55,7 @@ def peak(path, **options):
 
 @pytest.mark.parametrize("options", [{}, {"brief": True}])
 def test_loading_needs_few_times_the_columns(path, monkeypatch, options):
-    monkeypatch.setattr(message_buffer, "BATCH", 1 << 20)
+    monkeypatch.setattr(message_buffer, "DECODE_BATCH_BYTES", 1 << 20)
     most, columns = peak(path, **options)
     assert columns > 4_000_000
     assert most < 3 * columns + 6 * (1 << 20)  # one batch, one chunk, the window of the source
@@ -63,7 +63,7 @@ def test_loading_needs_few_times_the_columns(path, monkeypatch, options):
 
 def test_batches_change_nothing(path, monkeypatch):
     whole = load(path)
-    monkeypatch.setattr(message_buffer, "BATCH", 1 << 18)
+    monkeypatch.setattr(message_buffer, "DECODE_BATCH_BYTES", 1 << 18)
     parts = load(path)
     for name, table in vars(whole.recording).items():
         tables = table if isinstance(table, dict) else {"": table}
@@ -78,5 +78,5 @@ def test_brief_counts_as_all_does(path):
     documents = []
     for brief in (False, True):
         loaded = load(path, brief=brief)
-        documents.append(as_dict(loaded, summarize(loaded.recording)))
+        documents.append(info_dict(loaded, summarize_recording(loaded.recording)))
     assert documents[0] == documents[1]

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from clt.core.errors import CltError, UsageError
-from clt.log.output import check, output, output_path
+from clt.log.output import check_output, open_output, temporary_output
 
 FULL = Path("/dev/full")
 
@@ -22,7 +22,7 @@ def names(directory):
 
 
 def test_the_file_appears_at_the_end(tmp_path):
-    with output(tmp_path / "a.mcap") as file:
+    with open_output(tmp_path / "a.mcap") as file:
         file.write(b"abc")
         assert "a.mcap" not in names(tmp_path)
     assert (tmp_path / "a.mcap").read_bytes() == b"abc"
@@ -31,7 +31,7 @@ def test_the_file_appears_at_the_end(tmp_path):
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, BrokenPipeError])
 def test_nothing_is_left_of_a_failure(tmp_path, error):
-    with pytest.raises(error), output(tmp_path / "a.mcap") as file:  # noqa: PT012
+    with pytest.raises(error), open_output(tmp_path / "a.mcap") as file:  # noqa: PT012
         file.write(b"abc")
         raise error
     assert names(tmp_path) == []
@@ -40,7 +40,7 @@ def test_nothing_is_left_of_a_failure(tmp_path, error):
 def test_a_failure_keeps_the_old_file(tmp_path):
     target = tmp_path / "a.mcap"
     target.write_bytes(b"old")
-    with pytest.raises(ValueError, match="no"), output(target, force=True) as file:  # noqa: PT012
+    with pytest.raises(ValueError, match="no"), open_output(target, force=True) as file:  # noqa: PT012
         file.write(b"new")
         raise ValueError("no")
     assert target.read_bytes() == b"old"
@@ -50,10 +50,10 @@ def test_a_failure_keeps_the_old_file(tmp_path):
 def test_overwriting_needs_force(tmp_path):
     target = tmp_path / "a.mcap"
     target.write_bytes(b"old")
-    with pytest.raises(CltError, match="exists; use --force"), output(target):
+    with pytest.raises(CltError, match="exists; use --force"), open_output(target):
         pass
     assert target.read_bytes() == b"old"
-    with output(target, force=True) as file:
+    with open_output(target, force=True) as file:
         file.write(b"new")
     assert target.read_bytes() == b"new"
 
@@ -61,19 +61,19 @@ def test_overwriting_needs_force(tmp_path):
 def test_force_writes_through_a_link(tmp_path):
     (tmp_path / "a").write_bytes(b"old")
     (tmp_path / "link").symlink_to(tmp_path / "a")
-    with output(tmp_path / "link", force=True) as file:
+    with open_output(tmp_path / "link", force=True) as file:
         file.write(b"new")
     assert (tmp_path / "link").is_symlink()
     assert (tmp_path / "a").read_bytes() == b"new"
 
 
 def test_a_missing_directory(tmp_path):
-    with pytest.raises(CltError, match="no directory"), output(tmp_path / "b" / "a.mcap"):
+    with pytest.raises(CltError, match="no directory"), open_output(tmp_path / "b" / "a.mcap"):
         pass
 
 
 def test_a_directory_as_target(tmp_path):
-    with pytest.raises(CltError, match="is a directory"), output(tmp_path, force=True):
+    with pytest.raises(CltError, match="is a directory"), open_output(tmp_path, force=True):
         pass
 
 
@@ -82,7 +82,7 @@ def test_an_input_is_never_overwritten(tmp_path, force):
     (tmp_path / "a").write_bytes(b"old")
     (tmp_path / "b").hardlink_to(tmp_path / "a")
     with pytest.raises(CltError, match="also an input"):
-        check(tmp_path / "b", force, inputs=[Path("-"), tmp_path / "a"])
+        check_output(tmp_path / "b", force, inputs=[Path("-"), tmp_path / "a"])
 
 
 def full_disk(*args):
@@ -97,7 +97,7 @@ def test_a_full_disk_leaves_no_file(tmp_path, monkeypatch, step):
     if step == "rename":
         monkeypatch.setattr(os, "link", full_disk)
         monkeypatch.setattr(Path, "replace", full_disk)
-    with pytest.raises(CltError) as caught, output(target) as file:  # noqa: PT012
+    with pytest.raises(CltError) as caught, open_output(target) as file:  # noqa: PT012
         file.write(b"abc")
         if step == "write":
             full_disk()
@@ -111,25 +111,25 @@ def test_an_unwritable_directory(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Path, "open", refuse)
     target = tmp_path / "a.mcap"
-    with pytest.raises(CltError, match="Permission denied") as caught, output(target):
+    with pytest.raises(CltError, match="Permission denied") as caught, open_output(target):
         pass
     assert str(caught.value).startswith(f"{target}: ")
 
 
 def test_an_error_about_another_file_keeps_its_name(tmp_path):
-    with pytest.raises(FileNotFoundError, match="missing"), output(tmp_path / "a.mcap"):
+    with pytest.raises(FileNotFoundError, match="missing"), open_output(tmp_path / "a.mcap"):
         (tmp_path / "missing").read_bytes()
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="no /dev/full here")
 def test_a_full_device_is_written_in_place():
-    with pytest.raises(CltError, match="No space left"), output(FULL) as file:
+    with pytest.raises(CltError, match="No space left"), open_output(FULL) as file:
         file.write(b"abc")
     assert FULL.is_char_device()
 
 
 def test_a_named_path_for_writers_that_want_one(tmp_path):
-    with output_path(tmp_path / "a.png") as path:
+    with temporary_output(tmp_path / "a.png") as path:
         assert path.suffix == ".png"
         path.write_bytes(b"abc")
     assert (tmp_path / "a.png").read_bytes() == b"abc"
@@ -143,7 +143,7 @@ class Terminal(io.TextIOWrapper):
 
 def test_a_terminal_is_refused(monkeypatch):
     monkeypatch.setattr(sys, "stdout", Terminal(io.BytesIO()))
-    with pytest.raises(UsageError, match="terminal"), output(Path("-")):
+    with pytest.raises(UsageError, match="terminal"), open_output(Path("-")):
         pass
 
 

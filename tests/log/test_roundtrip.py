@@ -10,10 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.core.recording import (
     Attachment,
-    Frames,
     Innovations,
     Odometry,
     Poses,
@@ -21,8 +20,9 @@ from clt.core.recording import (
     Recording,
     Robot,
     Team,
+    UwbPackets,
 )
-from clt.log.output import output
+from clt.log.output import open_output
 from clt.log.recording.load import load
 from clt.log.recording.save import save
 
@@ -48,7 +48,7 @@ def poses(rng, n, frame, covariance):
     square = root @ root.transpose(0, 2, 1)
     square = (square + square.transpose(0, 2, 1)) / 2
     x, y = rng.normal(0.0, 10.0, (2, n))
-    heading = wrap(rng.uniform(-4.0, 4.0, n))
+    heading = wrap_angle(rng.uniform(-4.0, 4.0, n))
     return Poses(frame, stamp, log_time, x, y, heading, square if covariance else None)
 
 
@@ -75,7 +75,7 @@ def recordings(draw):
     carried = rng.random(n) < 0.7
     some = (rng.random((n, 3)) < 0.6) & (source[:, None] != np.arange(3))
     ticks = rng.integers(0, 1 << 40, (n, 3))
-    frames = Frames(
+    frames = UwbPackets(
         stamp, log_time, source, rng.integers(0, 2**32, n), rng.integers(0, 1 << 40, n),
         np.where(some, ticks, -1), np.where(some, rng.integers(0, 2**32, (n, 3)), -1),
         np.where(carried, ticks[:, 0], -1),
@@ -100,7 +100,7 @@ def assert_same(before, after):
     for field in fields(before):
         mine, theirs = getattr(before, field.name), getattr(after, field.name)
         if field.name == "heading":
-            error = np.nan_to_num(wrap(mine - theirs))
+            error = np.nan_to_num(wrap_angle(mine - theirs))
             np.testing.assert_allclose(error, 0.0, atol=1e-14)
             np.testing.assert_array_equal(np.isnan(mine), np.isnan(theirs))
         elif field.name == "covariance" and mine is not None:
@@ -116,7 +116,7 @@ def assert_same(before, after):
 @given(recording=recordings())
 def test_there_and_back(tmp_path_factory, scene, recording):
     path = tmp_path_factory.mktemp("log") / "a.mcap"
-    with output(path) as file:
+    with open_output(path) as file:
         save(file, recording, {"filter": "eskf", "seed": "7"}, scene=scene)
     again = load(path).recording
     assert repr(again.team) == repr(recording.team)
@@ -136,6 +136,6 @@ def test_an_unknown_heading_stays_unknown(tmp_path):
     track = poses(np.random.default_rng(0), 5, "mocap", covariance=False)
     track = replace(track, heading=np.full(5, math.nan))
     path = tmp_path / "a.mcap"
-    with output(path) as file:
+    with open_output(path) as file:
         save(file, Recording(TEAM, truth={"R1": track}), {})
     assert_same(track, load(path).recording.truth["R1"])

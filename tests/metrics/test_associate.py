@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clt.core.recording import Poses
-from clt.metrics.associate import associate, interpolate, nearest
+from clt.metrics.associate import associate, interpolate, match_nearest
 
 MS = 1_000_000
 EPOCH = 1_700_000_000_000_000_000
@@ -64,7 +64,7 @@ def test_empty_tracks_match_nothing():
 )
 def test_nearest_is_what_a_plain_search_finds(a, b, limit):
     truth, estimate = (np.sort(np.array(s)) * MS for s in (a, b))
-    i, j = nearest(truth, estimate, limit / 1000.0)
+    i, j = match_nearest(truth, estimate, limit / 1000.0)
     swap = len(estimate) > len(truth)
     short, long = (truth, estimate) if swap else (estimate, truth)
     expected = []
@@ -79,7 +79,7 @@ def test_nearest_is_what_a_plain_search_finds(a, b, limit):
 def test_nearest_as_evo_does_it():
     """Pairings seen in runs of evo_ape 1.38: the shorter side, duplicates, ties."""
     ms = lambda *values: np.array(values, np.int64) * MS  # noqa: E731
-    pairs = lambda *args: [k.tolist() for k in nearest(*args)]  # noqa: E731
+    pairs = lambda *args: [k.tolist() for k in match_nearest(*args)]  # noqa: E731
     assert pairs(ms(0, 1000, 2000), ms(0, 1001, 1002, 1999), 0.01) == [[0, 1, 2], [0, 1, 3]]
     assert pairs(ms(1000, 1004, 2000), ms(500, 1001, 2000, 3000, 4000), 0.01) == [
         [0, 1, 2],

@@ -5,13 +5,13 @@ import pytest
 from scipy.stats import chi2
 
 from clt.core.recording import Innovations, Robot, Team
-from clt.metrics.associate import Matched
+from clt.metrics.associate import MatchedPoses
 from clt.metrics.consistency import (
-    independent,
+    independent_samples,
     inside_three_sigma,
-    interval,
+    is_regular,
     nees,
-    regular,
+    nees_interval,
 )
 from clt.metrics.pairs import all_nis, pair_nis
 
@@ -21,7 +21,7 @@ P = np.array([[0.04, 0.01, 0.001], [0.01, 0.09, 0.002], [0.001, 0.002, 0.0004]])
 def matched(errors, covariance):
     n = len(errors)
     truth = np.zeros((n, 3))
-    return Matched(np.arange(n), truth, np.array(errors), covariance, n, n)
+    return MatchedPoses(np.arange(n), truth, np.array(errors), covariance, n, n)
 
 
 def test_nees_by_hand():
@@ -37,7 +37,7 @@ def test_consistent_errors_lie_inside_the_interval():
         errors = np.random.default_rng(seed).multivariate_normal(np.zeros(3), P, 500)
         found = nees(matched(errors, np.tile(P, (500, 1, 1))))
         assert found is not None
-        low, high = interval(found.samples)
+        low, high = nees_interval(found.samples)
         inside += low < np.mean(found.values) < high
     assert inside >= 35
 
@@ -47,25 +47,25 @@ def test_over_and_underconfident_errors_do_not():
     for factor in (0.8, 1.25):
         found = nees(matched(errors, np.tile(factor * P, (2000, 1, 1))))
         assert found is not None
-        low, high = interval(found.samples)
+        low, high = nees_interval(found.samples)
         assert not low < np.mean(found.values) < high
 
 
 def test_interval_is_chi_square():
     expected = chi2.ppf([0.025, 0.975], 300) / 100
-    assert interval(100.0) == pytest.approx(tuple(expected))
+    assert nees_interval(100.0) == pytest.approx(tuple(expected))
 
 
 def test_correlated_series_is_worth_less():
     rng = np.random.default_rng(5)
     white = rng.normal(size=20000)
-    assert independent(white) == pytest.approx(20000, rel=0.1)
+    assert independent_samples(white) == pytest.approx(20000, rel=0.1)
     slow = np.zeros(20000)
     for i in range(1, 20000):
         slow[i] = 0.9 * slow[i - 1] + white[i]
-    assert independent(slow) == pytest.approx(20000 / 19, rel=0.25)
-    assert independent(np.ones(7)) == 7.0
-    assert independent(np.empty(0)) == 0.0
+    assert independent_samples(slow) == pytest.approx(20000 / 19, rel=0.25)
+    assert independent_samples(np.ones(7)) == 7.0
+    assert independent_samples(np.empty(0)) == 0.0
 
 
 def test_singular_covariances_are_left_out():
@@ -73,7 +73,7 @@ def test_singular_covariances_are_left_out():
     line = np.outer([1.0, 2.0, 3.0], [1.0, 2.0, 3.0])
     negative = np.diag([1.0, -1.0, 1.0])
     table = np.stack([P, flat, line, negative, np.full((3, 3), np.nan), 1e-12 * P])
-    assert regular(table).tolist() == [True, False, False, False, False, True]
+    assert is_regular(table).tolist() == [True, False, False, False, False, True]
     found = nees(matched(np.zeros((6, 3)), table))
     assert found is not None
     assert (len(found.values), found.singular) == (2, 4)

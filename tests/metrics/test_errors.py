@@ -4,24 +4,24 @@ import numpy as np
 import pytest
 
 from clt.core.errors import UsageError
-from clt.metrics.associate import Matched
-from clt.metrics.errors import Delta, heading_errors, parse_delta, relative_errors, statistics
+from clt.metrics.associate import MatchedPoses
+from clt.metrics.errors import Delta, error_statistics, heading_errors, parse_delta, relative_errors
 
 
 def pair(truth, estimate, step=0.1):
     truth, estimate = np.array(truth, float), np.array(estimate, float)
     stamp = np.round(np.arange(len(truth)) * step * 1e9).astype(np.int64)
-    return Matched(stamp, truth, estimate, None, len(truth), len(truth))
+    return MatchedPoses(stamp, truth, estimate, None, len(truth), len(truth))
 
 
 def test_known_statistics():
-    s = statistics(np.array([3.0, -4.0, 0.0, np.nan, 5.0]))
+    s = error_statistics(np.array([3.0, -4.0, 0.0, np.nan, 5.0]))
     assert s is not None
     assert (s.min, s.max, s.mean, s.median) == (0.0, 5.0, 3.0, 3.5)
     assert s.rmse == pytest.approx(np.sqrt(12.5))
     assert s.std == pytest.approx(np.sqrt(3.5))
     assert s.p95 == pytest.approx(4.85)
-    assert statistics(np.array([np.nan])) is None
+    assert error_statistics(np.array([np.nan])) is None
 
 
 def test_heading_errors_wrap():
@@ -51,13 +51,13 @@ def test_rpe_needs_a_partner_and_headings():
     assert len(relative_errors(pair(still, still), Delta(100.0, "s"))[0]) == 0
     assert len(relative_errors(pair(still[:0], still[:0]), Delta(1.0, "s"))[0]) == 0
     headless = still + np.array([0.0, 0.0, np.nan])
-    assert statistics(relative_errors(pair(headless, still), Delta(1.0, "s"))[0]) is None
+    assert error_statistics(relative_errors(pair(headless, still), Delta(1.0, "s"))[0]) is None
 
 
 def test_rpe_skips_partners_that_a_gap_moved_away():
     rows = np.zeros((4, 3))
     matched = pair(rows, rows)
-    late = Matched(np.array([0, 1, 4, 5]) * 10**9, rows, rows, None, 4, 4)
+    late = MatchedPoses(np.array([0, 1, 4, 5]) * 10**9, rows, rows, None, 4, 4)
     assert len(relative_errors(late, Delta(1.0, "s"))[0]) == 2
     assert len(relative_errors(matched, Delta(0.1, "s"))[0]) == 3
 

@@ -9,13 +9,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from clt.core.errors import CltError, UsageError
-from clt.core.geometry import ANY_HEADING, relative_pose, wrap
+from clt.core.geometry import UNIFORM_HEADING_SIGMA, relative_pose, wrap_angle
 from clt.core.recording import Poses
 from clt.metrics.align import Transform
 from clt.metrics.errors import Delta
 from clt.metrics.evaluate import evaluate
 from clt.metrics.evaluation import EvaluateOptions
-from clt.metrics.tracks import select
+from clt.metrics.tracks import select_poses
 
 SIGMA = np.array([0.05, 0.03, 0.02])
 SE2 = EvaluateOptions(align="se2")
@@ -175,7 +175,7 @@ def test_relative_estimates_are_scored_in_the_body_frame(synthetic):
     for name in ("R2", "A1"):
         rows = relative_pose(truth["R1"], truth[name])
         rows[:, :2] += [0.3, -0.4]
-        rows[:, 2] = wrap(rows[:, 2] + 0.1)
+        rows[:, 2] = wrap_angle(rows[:, 2] + 0.1)
         stamp = recording.truth[name].stamp
         tracks[name] = Poses("R1/base_link", stamp, stamp, *rows.T)
     evaluation = evaluate(replace(recording, estimate=tracks))
@@ -198,7 +198,7 @@ def test_gaps_lower_the_share_and_are_not_bridged(synthetic):
     recording = synthetic()
     stamp = recording.estimate["R1"].stamp
     hole = (stamp < stamp[200]) | (stamp >= stamp[300])
-    tracks = {**recording.estimate, "R1": select(recording.estimate["R1"], hole)}
+    tracks = {**recording.estimate, "R1": select_poses(recording.estimate["R1"], hole)}
     evaluation = evaluate(replace(recording, estimate=tracks))
     score = evaluation.estimate.scores["R1"]
     assert (score.matched, score.share) == (500, pytest.approx(5 / 6))
@@ -258,7 +258,7 @@ def test_a_heading_of_which_nothing_is_known_is_not_scored(synthetic):
     recording = synthetic()
     track = recording.estimate["R1"]
     P = track.covariance.copy()
-    P[:, 2, 2] = ANY_HEADING**2
+    P[:, 2, 2] = UNIFORM_HEADING_SIGMA**2
     tracks = {**recording.estimate, "R1": replace(track, covariance=P)}
     evaluation = evaluate(replace(recording, estimate=tracks))
     assert "R1: the estimate has no heading" in texts(evaluation)

@@ -14,11 +14,11 @@ from clt.core.errors import CltError
 from clt.core.recording import Innovations, Poses, Recording, Robot, Team
 from clt.log.recording.load import load
 from clt.log.recording.save import save
-from clt.metrics.align import flipped
+from clt.metrics.align import nearer_when_flipped
 from clt.metrics.evaluate import evaluate
 from clt.metrics.evaluation import EvaluateOptions
-from clt.metrics.tracks import select
-from clt.report.figures.figure import compose
+from clt.metrics.tracks import select_poses
+from clt.report.figures.figure import compose_evaluation_figure
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -222,7 +222,7 @@ def test_names_in_a_picture(through):
         (mutual_log, {"R1 in R2", "R2 in R1", "R2, R1"}),
     ):
         recording, _ = through(make())
-        axes = compose(recording, evaluate(recording)).axes[0]
+        axes = compose_evaluation_figure(recording, evaluate(recording)).axes[0]
         assert {text.get_text() for text in axes.texts} == names
 
 
@@ -249,10 +249,10 @@ def test_slow_truth_of_the_ego(through):
 def test_truths_that_hardly_meet_are_said(through):
     recording = ego_log()
     ego = recording.truth["R1"]
-    part = select(ego, np.arange(201) < 60)
+    part = select_poses(ego, np.arange(201) < 60)
     evaluation = evaluate(through(replace(recording, truth={**recording.truth, "R1": part}))[0])
     assert texts(evaluation) == []  # as many as there are of R1
-    holes = select(ego, (np.arange(201) < 60) | (np.arange(201) >= 140))
+    holes = select_poses(ego, (np.arange(201) < 60) | (np.arange(201) >= 140))
     evaluation = evaluate(through(replace(recording, truth={**recording.truth, "R1": holes}))[0])
     assert evaluation.estimate.scores["R2"].matched == 121
     late = replace(ego, stamp=ego.stamp + 15 * SECOND, log_time=ego.log_time + 15 * SECOND)
@@ -321,11 +321,11 @@ def test_mirror_image_on_the_axis_of_the_ego(through):
 
 def test_flipped():
     target = np.array([[3.0, 0.1], [2.0, -0.1]])
-    assert not flipped(target * [1.0, -1.0], target)  # hardly beside the axis
+    assert not nearer_when_flipped(target * [1.0, -1.0], target)  # hardly beside the axis
     target = np.array([[1.0, 2.0], [-1.0, 3.0]])
-    assert flipped(target * [1.0, -1.0] + 0.5, target)
-    assert not flipped(target + 0.5, target)
-    assert not flipped(target, target)
+    assert nearer_when_flipped(target * [1.0, -1.0] + 0.5, target)
+    assert not nearer_when_flipped(target + 0.5, target)
+    assert not nearer_when_flipped(target, target)
 
 
 def test_nearest_association(through):

@@ -12,18 +12,18 @@ from hypothesis import strategies as st
 from clt.core.recording import Odometry, Ranges, Robot, Team
 from clt.model import inputs
 from clt.model.inputs import (
-    correlated_variance,
     first_known,
+    inflated_variances,
     interval_twist,
     join_segments,
+    no_segments,
     range_table,
     robot_segments,
-    standing,
 )
-from clt.model.settings import Noise
+from clt.model.settings import NoiseSettings
 
 MS = 1_000_000
-QUIET = Noise(sigma_v=0.2, sigma_omega=0.1)
+QUIET = NoiseSettings(sigma_v=0.2, sigma_omega=0.1)
 ROBOT = Robot("R1", 1)
 
 
@@ -148,7 +148,7 @@ def test_a_gap_is_bridged_by_the_mean_with_a_wide_error():
     assert segments.end[10] == sampled.stamp[10] - 50 * MS
     assert segments.v[10] == pytest.approx(0.6)
     assert segments.var_v[10] == pytest.approx(0.2**2 + 0.04 * (0.5 + 2.0 / 40))
-    assert segments.interval[10] == inputs.GAP_CORRELATION
+    assert segments.interval[10] == inputs.GAP_CORRELATION_S
     np.testing.assert_allclose(np.delete(segments.interval, 10), 0.05)
     assert np.sum(segments.v * durations(segments, 0)) == pytest.approx(0.2 + 1.2 + 0.4)
 
@@ -177,30 +177,30 @@ def test_a_single_sample_moves_nothing_before_its_stamp():
 
 def test_noise_nobody_tells_is_assumed_and_said():
     sampled = odometry([50 * MS, 100 * MS], 0.0)
-    segments, notes = robot_segments(sampled, ROBOT, Noise(), 0, 100 * MS)
+    segments, notes = robot_segments(sampled, ROBOT, NoiseSettings(), 0, 100 * MS)
     assert len(notes) == 1
     assert "does not tell the odometry noise of R1: assumed 0.1 m/s and 0.1 rad/s" in notes[0]
     np.testing.assert_allclose(segments.var_v, inputs.DEFAULT_SIGMA_V**2)
     for known in (replace(ROBOT, sigma_v=0.3, sigma_omega=0.2), ROBOT):
         told = odometry([50 * MS, 100 * MS], 0.0, sigma=0.7 if known is ROBOT else np.nan)
-        segments, notes = robot_segments(told, known, Noise(), 0, 100 * MS)
+        segments, notes = robot_segments(told, known, NoiseSettings(), 0, 100 * MS)
         assert notes == ()
         np.testing.assert_allclose(segments.var_v, 0.49 if known is ROBOT else 0.09)
 
 
 def test_no_sensor_is_perfect():
     sampled = odometry([50 * MS, 100 * MS], 0.5, sigma=0.0)
-    segments, _ = robot_segments(sampled, ROBOT, Noise(), 0, 100 * MS)
-    np.testing.assert_allclose(segments.var_v, inputs.LEAST_SIGMA_V**2)
-    np.testing.assert_allclose(segments.var_omega, inputs.LEAST_SIGMA_OMEGA**2)
-    table, _ = table_of(ranges([(1, 0, 2, 3.0)]), Noise(sigma_range=1e-9))
-    assert table.variance.tolist() == [inputs.LEAST_SIGMA_RANGE**2]
+    segments, _ = robot_segments(sampled, ROBOT, NoiseSettings(), 0, 100 * MS)
+    np.testing.assert_allclose(segments.var_v, inputs.MIN_SIGMA_V**2)
+    np.testing.assert_allclose(segments.var_omega, inputs.MIN_SIGMA_OMEGA**2)
+    table, _ = table_of(ranges([(1, 0, 2, 3.0)]), NoiseSettings(sigma_range=1e-9))
+    assert table.variance.tolist() == [inputs.MIN_SIGMA_RANGE**2]
 
 
 def test_robots_stand_behind_one_another():
     one, _ = robot_segments(odometry([50 * MS, 100 * MS], 1.0), ROBOT, QUIET, 0, 100 * MS)
     two, _ = robot_segments(odometry([40 * MS, 80 * MS], 2.0), ROBOT, QUIET, 0, 100 * MS)
-    joined = join_segments([one, standing(), two])
+    joined = join_segments([one, no_segments(), two])
     assert joined.first.tolist() == [0, 2, 2, 5]
     assert joined.end.tolist() == [50 * MS, 100 * MS, 40 * MS, 80 * MS, 100 * MS]
     assert joined.v.tolist() == [1.0, 1.0, 2.0, 2.0, 2.0]
@@ -214,7 +214,7 @@ def test_correlated_ranges_tell_as_much_as_their_mean(tau):
     lag = np.arange(n)
     rho = np.exp(-lag * dt / tau)
     of_the_mean = (1.0 + 2.0 * np.sum((1.0 - lag[1:] / n) * rho[1:])) / n
-    widened = correlated_variance(
+    widened = inflated_variances(
         np.ones(n), (lag * 10 * MS).astype(np.int64), np.zeros(n, np.int64), tau
     )
     np.testing.assert_allclose(widened / n, of_the_mean, rtol=1e-2)
@@ -231,7 +231,7 @@ def test_simulated_correlated_errors_are_as_large_as_the_widened_variance_says()
         errors = rho * errors + np.sqrt(1.0 - rho**2) * white[:, k]
         total += errors
     stamp = 10 * MS * np.arange(n)
-    widened = correlated_variance(np.full(n, 0.09), stamp, np.zeros(n, np.int64), tau)
+    widened = inflated_variances(np.full(n, 0.09), stamp, np.zeros(n, np.int64), tau)
     assert np.var(total / n) == pytest.approx(1.0 / np.sum(1.0 / widened), rel=0.08)
 
 
@@ -242,23 +242,23 @@ def test_correlation_never_sharpens_and_keeps_pairs_apart(seed, size, tau):
     stamp = np.sort(rng.integers(0, 10**9, size))
     pair = rng.integers(0, 4, size)
     variance = rng.uniform(0.01, 1.0, size)
-    widened = correlated_variance(variance, stamp, pair, tau)
+    widened = inflated_variances(variance, stamp, pair, tau)
     assert np.isfinite(widened).all()
     assert np.all(widened >= variance)
     for one in range(4):
         own = pair == one
-        alone = correlated_variance(variance[own], stamp[own], pair[own], tau)
+        alone = inflated_variances(variance[own], stamp[own], pair[own], tau)
         np.testing.assert_array_equal(widened[own], alone)
 
 
 def test_correlation_at_its_limits():
     variance, stamp, pair = np.array([0.1, 0.2]), np.array([0, 10**9]), np.array([0, 0])
-    np.testing.assert_array_equal(correlated_variance(variance, stamp, pair, 0.0), variance)
-    np.testing.assert_allclose(correlated_variance(variance, stamp, pair, 1e-3), variance)
-    np.testing.assert_array_equal(correlated_variance(variance, stamp, np.arange(2), 9.0), variance)
+    np.testing.assert_array_equal(inflated_variances(variance, stamp, pair, 0.0), variance)
+    np.testing.assert_allclose(inflated_variances(variance, stamp, pair, 1e-3), variance)
+    np.testing.assert_array_equal(inflated_variances(variance, stamp, np.arange(2), 9.0), variance)
     none = np.empty(0)
-    assert correlated_variance(none, none.astype(np.int64), none.astype(np.int64), 1.0).size == 0
-    same = correlated_variance(variance, np.zeros(2, np.int64), pair, 1.0)
+    assert inflated_variances(none, none.astype(np.int64), none.astype(np.int64), 1.0).size == 0
+    same = inflated_variances(variance, np.zeros(2, np.int64), pair, 1.0)
     assert np.isfinite(same).all()
     assert np.all(same > 1e6)
 
@@ -324,7 +324,7 @@ def test_the_state_may_hold_static_robots():
 def test_range_noise_by_precedence():
     measured = ranges([(1, 2, 3, 1.0), (2, 2, 3, 1.0)], sigma=[0.5, np.nan])
     np.testing.assert_allclose(table_of(measured)[0].variance, [0.25, 0.01])
-    np.testing.assert_allclose(table_of(measured, Noise(sigma_range=0.3))[0].variance, 0.09)
+    np.testing.assert_allclose(table_of(measured, NoiseSettings(sigma_range=0.3))[0].variance, 0.09)
     silent = replace(TEAM, range_sigma=np.nan)
     table, notes = range_table(measured, silent, {2: 0, 3: 1}, {}, QUIET, 0, 100)
     np.testing.assert_allclose(table.variance, [0.25, inputs.DEFAULT_SIGMA_RANGE**2])
@@ -334,7 +334,7 @@ def test_range_noise_by_precedence():
 
 def test_both_directions_of_a_pair_share_its_correlation():
     back_and_forth = ranges([(k * 10 * MS, *((2, 3), (3, 2))[k % 2], 1.0) for k in range(1, 9)])
-    noise = Noise(sigma_range=0.1, correlation_time=0.05)
+    noise = NoiseSettings(sigma_range=0.1, correlation_time=0.05)
     table, _ = table_of(back_and_forth, noise, end=10**9)
     rho = np.exp(-0.01 / 0.05)
     np.testing.assert_allclose(table.weight_variance, 0.01 * (1 + rho) / (1 - rho))
@@ -351,11 +351,11 @@ def test_the_log_tells_the_correlation_unless_the_user_does():
 
     rho = np.exp(-0.01 / 0.05)
     np.testing.assert_allclose(factor(QUIET), (1 + rho) / (1 - rho))
-    np.testing.assert_array_equal(factor(Noise(correlation_time=0.0)), 1.0)
+    np.testing.assert_array_equal(factor(NoiseSettings(correlation_time=0.0)), 1.0)
 
 
 def test_no_ranges_make_an_empty_table():
-    table, notes = table_of(ranges([]), Noise(correlation_time=1.0))
+    table, notes = table_of(ranges([]), NoiseSettings(correlation_time=1.0))
     assert notes == ()
     assert all(column.shape[0] == 0 for column in table)
 
@@ -383,7 +383,7 @@ def test_instants_are_not_averaged_across_a_gap():
 def test_what_was_not_seen_is_as_uncertain_as_the_twist_changes_over_so_long():
     t = np.arange(2000) * 0.05
     v, noise = np.sin(t), np.full(2000, 1e-12)
-    short, long, beyond = inputs.unseen_variance(v, noise, np.array([1, 40, 5000]))
+    short, long, beyond = inputs.gap_twist_variance(v, noise, np.array([1, 40, 5000]))
     assert short == pytest.approx(0.5 * 2 * (1 - np.cos(0.05)) * 0.5, rel=0.05)
     assert long == pytest.approx(0.5 * (1 - np.cos(2.0)), rel=0.05)
     assert beyond == pytest.approx(0.5, rel=0.05)
@@ -391,7 +391,7 @@ def test_what_was_not_seen_is_as_uncertain_as_the_twist_changes_over_so_long():
 
 def test_a_correlation_beyond_every_log_leaves_variances_finite():
     """Found by the fuzzer of commands: the log of a team may say 1e300 s."""
-    tau = inputs.correlation_time(Noise(), Team((), range_correlation=1e300))
+    tau = inputs.range_correlation_time(NoiseSettings(), Team((), range_correlation=1e300))
     stamp = np.array([0, 0, 10**8], np.int64)
-    widened = correlated_variance(np.full(3, 0.01), stamp, np.zeros(3, np.int64), tau)
+    widened = inflated_variances(np.full(3, 0.01), stamp, np.zeros(3, np.int64), tau)
     assert np.isfinite(widened).all()

@@ -8,48 +8,48 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clt.core.errors import UsageError
-from clt.core.geometry import relative_pose, wrap
-from clt.model.choices import View, parse_view
-from clt.model.covariance_propagation import carry
+from clt.core.geometry import relative_pose, wrap_angle
+from clt.model.choices import FrameSpec, parse_frame_spec
+from clt.model.covariance_propagation import propagate_blocks
 from clt.model.state_space import (
-    WORLD,
-    make_space,
-    move,
-    relative_blocks,
-    sample_blocks,
-    world_space,
+    WORLD_REFERENCE,
+    make_state_space,
+    move_blocks,
+    poses_to_blocks,
+    samples_to_blocks,
+    world_state_space,
 )
 
 POSES = st.lists(st.floats(-4, 4), min_size=9, max_size=9).map(lambda p: np.array(p).reshape(3, 3))
 TWIST = st.tuples(st.floats(-2, 2), st.floats(-2, 2))
-EGO = make_space((1, 2), (0, 0))
-MUTUAL = make_space((1, 0), (0, 1))
+EGO = make_state_space((1, 2), (0, 0))
+MUTUAL = make_state_space((1, 0), (0, 1))
 
 
 def blocks(poses, space):
     """The relative poses of some world poses, stacked."""
     return np.concatenate(
         [
-            poses[j] if i == WORLD else relative_pose(poses[i], poses[j])
+            poses[j] if i == WORLD_REFERENCE else relative_pose(poses[i], poses[j])
             for j, i in zip(space.who, space.base, strict=True)
         ]
     )
 
 
-@pytest.mark.parametrize("space", [EGO, MUTUAL, world_space(3)])
+@pytest.mark.parametrize("space", [EGO, MUTUAL, world_state_space(3)])
 @given(POSES, TWIST, st.floats(0.0, 1.0))
 @settings(deadline=None, max_examples=40)
 def test_every_frame_tells_of_the_same_motion(space, poses, twist, dt):
     x = blocks(poses, space)
     moved = poses.copy()
     for d in range(space.first.size - 1):
-        move(x, space, d, *twist, dt)
+        move_blocks(x, space, d, *twist, dt)
         own = moved[d].copy()
-        move(own, world_space(1), 0, *twist, dt)
+        move_blocks(own, world_state_space(1), 0, *twist, dt)
         moved[d] = own
     difference = (x - blocks(moved, space)).reshape(-1, 3)
     np.testing.assert_allclose(difference[:, :2], 0.0, atol=1e-9)
-    np.testing.assert_allclose(wrap(difference[:, 2]), 0.0, atol=1e-9)
+    np.testing.assert_allclose(wrap_angle(difference[:, 2]), 0.0, atol=1e-9)
 
 
 def araki(x, u):
@@ -70,11 +70,11 @@ def test_the_exact_step_is_what_runge_kutta_converges_to():
     exact = x.copy()
     # Both move at once: in the limit of small turns, the one after the other.
     for _ in range(1000):
-        move(exact, make_space((1,), (0,)), 0, *u[0], dt / 1000)
-        move(exact, make_space((1,), (0,)), 1, *u[1], dt / 1000)
+        move_blocks(exact, make_state_space((1,), (0,)), 0, *u[0], dt / 1000)
+        move_blocks(exact, make_state_space((1,), (0,)), 1, *u[1], dt / 1000)
     whole = x.copy()
-    move(whole, make_space((1,), (0,)), 0, *u[0], dt)
-    move(whole, make_space((1,), (0,)), 1, *u[1], dt)
+    move_blocks(whole, make_state_space((1,), (0,)), 0, *u[0], dt)
+    move_blocks(whole, make_state_space((1,), (0,)), 1, *u[1], dt)
     for _ in range(n):
         h = dt / n
         k1 = araki(x, u)
@@ -88,12 +88,14 @@ def test_the_exact_step_is_what_runge_kutta_converges_to():
 
 @pytest.mark.parametrize(
     ("who", "base"),
-    [((1, 2), (0, 0)), ((1, 0), (0, 1)), ((0, 1, 2), (WORLD,) * 3), ((0, 1), (1, 2))],
+    [((1, 2), (0, 0)), ((1, 0), (0, 1)), ((0, 1, 2), (WORLD_REFERENCE,) * 3), ((0, 1), (1, 2))],
 )
 @pytest.mark.parametrize("calibrated", [False, True])
 @pytest.mark.parametrize("driver", [0, 1])
 def test_the_covariance_moves_with_the_derivatives_of_the_motion(who, base, calibrated, driver):
-    space = make_space(who, base, (1, driver) if calibrated and driver != 1 else [1] * calibrated)
+    space = make_state_space(
+        who, base, (1, driver) if calibrated and driver != 1 else [1] * calibrated
+    )
     rng = np.random.default_rng(3)
     N = 3 * len(who) + 3 * int(np.sum(space.calibration >= 0))
     x = rng.normal(size=N)
@@ -107,7 +109,7 @@ def test_the_covariance_moves_with_the_derivatives_of_the_motion(who, base, cali
         state = state.copy()
         s = 3 * len(who) + 3 * (driver != 1)
         a, b, bias = state[s : s + 3] if calibrated else (0.0, 0.0, 0.0)
-        move(state, space, driver, (1 + a) * v + dv, (1 + b) * omega + bias + dw, dt)
+        move_blocks(state, space, driver, (1 + a) * v + dv, (1 + b) * omega + bias + dw, dt)
         return state
 
     e = 1e-6
@@ -118,7 +120,7 @@ def test_the_covariance_moves_with_the_derivatives_of_the_motion(who, base, cali
     )
     wanted = F @ P @ F.T + G @ np.diag([qv, qw]) @ G.T / dt
     ours_x, ours = x.copy(), P.copy()
-    carry(
+    propagate_blocks(
         ours_x, ours, np.zeros((len(who), 2)), np.zeros((N, 2)), np.zeros((len(who), 2)), space,
         driver, v, omega, dt, qv, qw,
     )  # fmt: skip
@@ -131,9 +133,9 @@ def test_relative_poses_have_the_covariance_of_samples():
     rng = np.random.default_rng(0)
     mean = np.array([[1.0, 2.0, 0.5], [4.0, -1.0, 2.0], [0.0, 0.0, -3.0]])
     A = 0.002 * rng.normal(size=(9, 9))
-    x, P = relative_blocks(mean, A @ A.T, (1, 0), (0, 1))
+    x, P = poses_to_blocks(mean, A @ A.T, (1, 0), (0, 1))
     samples = mean + (rng.normal(size=(200_000, 9)) @ A.T).reshape(-1, 3, 3)
-    drawn = sample_blocks(samples, (1, 0), (0, 1))
+    drawn = samples_to_blocks(samples, (1, 0), (0, 1))
     np.testing.assert_allclose(drawn.mean(axis=0), x, atol=2e-3)
     scale = np.sqrt(np.outer(P.diagonal(), P.diagonal()))
     np.testing.assert_allclose(np.cov(drawn.T) / scale, P / scale, atol=0.02)
@@ -143,30 +145,30 @@ def test_relative_poses_have_the_covariance_of_samples():
 @pytest.mark.parametrize(
     ("text", "view"),
     [
-        ("world", View("world")),
-        ("ego:R1", View("ego", ("R1",))),
-        ("mutual:A,B", View("mutual", ("A", "B"))),
+        ("world", FrameSpec("world")),
+        ("ego:R1", FrameSpec("ego", ("R1",))),
+        ("mutual:A,B", FrameSpec("mutual", ("A", "B"))),
     ],
 )
 def test_frames_are_read(text, view):
-    assert parse_view(text) == view
+    assert parse_frame_spec(text) == view
 
 
 @pytest.mark.parametrize("text", ["", "ego", "ego:", "mutual:A", "mutual:A,A", "world:R1", "odd"])
 def test_other_frames_are_refused(text):
     with pytest.raises(UsageError, match="--frame"):
-        parse_view(text)
+        parse_frame_spec(text)
 
 
 def test_wheels_at_rest_have_no_errors():
-    space = make_space((1,), (0,), (0, 1))
+    space = make_state_space((1,), (0,), (0, 1))
     x, P = np.arange(9.0), np.eye(9)
     x[3:] = 0.1
     before = x.copy()
     scratch = np.zeros((1, 2)), np.zeros((9, 2)), np.zeros((1, 2))
-    carry(x, P, *scratch, space, 0, 0.004, -0.009, 1.0, 0.0, 0.0)
-    move(before, space, 0, 0.004, -0.009, 1.0)
+    propagate_blocks(x, P, *scratch, space, 0, 0.004, -0.009, 1.0, 0.0, 0.0)
+    move_blocks(before, space, 0, 0.004, -0.009, 1.0)
     np.testing.assert_array_equal(x, before)
     assert not np.any(P[:3, 3:])
-    carry(x, P, *scratch, space, 0, 0.02, 0.0, 1.0, 0.0, 0.0)
+    propagate_blocks(x, P, *scratch, space, 0, 0.02, 0.0, 1.0, 0.0, 0.0)
     assert np.any(P[:3, 3:])

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from clt.core.ticks import HZ, SPAN
+from clt.core.ticks import COUNTER_PERIOD_TICKS, TICKS_PER_SECOND
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
 
@@ -46,14 +46,16 @@ def jumped(recording, robot, after, seconds):
     frames = recording.frames
     late = frames.stamp > frames.stamp[0] + int(after * 1e9)
     own = late & (frames.source == robot)
-    step = int(seconds * HZ)
+    step = int(seconds * TICKS_PER_SECOND)
     moved = own[:, None] & (frames.receive >= 0)
     return replace(
         recording,
         frames=replace(
             frames,
-            transmit=np.where(own, (frames.transmit + step) % SPAN, frames.transmit),
-            receive=np.where(moved, (frames.receive + step) % SPAN, frames.receive),
+            transmit=np.where(
+                own, (frames.transmit + step) % COUNTER_PERIOD_TICKS, frames.transmit
+            ),
+            receive=np.where(moved, (frames.receive + step) % COUNTER_PERIOD_TICKS, frames.receive),
         ),
     )
 
@@ -64,5 +66,9 @@ def late(recording, robot, first, last, seconds):
     t = (frames.stamp - frames.stamp[0]) * 1e-9
     own = (frames.source == robot) & (t > first) & (t < last)
     moved = own[:, None] & (frames.receive >= 0)
-    receive = np.where(moved, (frames.receive + int(seconds * HZ)) % SPAN, frames.receive)
+    receive = np.where(
+        moved,
+        (frames.receive + int(seconds * TICKS_PER_SECOND)) % COUNTER_PERIOD_TICKS,
+        frames.receive,
+    )
     return replace(recording, frames=replace(frames, receive=receive))

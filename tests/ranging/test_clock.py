@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from clt.core.ticks import SPEED, TICK
-from clt.ranging.recover import recover
+from clt.core.ticks import RADIO_SPEED, SECONDS_PER_TICK
+from clt.ranging.recover import range_packets
 from tests.ranging.networks import errors, jumped, late, network, settled
 
 QUIET = {
@@ -12,16 +12,16 @@ QUIET = {
     "radio__oscillator__skew_walk": 0.0,
     "radio__oscillator__phase_walk": 0.0,
 }
-TWO_STAMPS = 0.5 * SPEED * 150e-12 * 2**0.5
+TWO_STAMPS = 0.5 * RADIO_SPEED * 150e-12 * 2**0.5
 """Noise of a range from two unfiltered stamps, m."""
 
 
 @pytest.mark.parametrize("method", ["clock", "double-sided"])
 def test_without_noise_ranges_are_exact_to_the_tick(method):
     recording = network(20.0, trajectory={"kind": "stand"}, **QUIET)
-    found = recover(recording, method)
+    found = range_packets(recording, method)
     ranges = found.recording.ranges
-    assert np.abs(errors(recording, ranges)).max() < TICK * SPEED
+    assert np.abs(errors(recording, ranges)).max() < SECONDS_PER_TICK * RADIO_SPEED
     assert ranges.stamp.size >= 10 * 1990
 
 
@@ -31,7 +31,7 @@ def test_ranges_are_twice_as_good_as_double_sided_ones_for_fast_robots():
     )
     rms = {}
     for method in ("clock", "double-sided"):
-        ranges = recover(recording, method).recording.ranges
+        ranges = range_packets(recording, method).recording.ranges
         keep = settled(recording, ranges)
         rms[method] = np.sqrt(np.mean(errors(recording, ranges)[keep] ** 2))
     assert rms["clock"] < 0.0155
@@ -52,7 +52,7 @@ def test_ranges_are_twice_as_good_as_double_sided_ones_for_fast_robots():
 )
 def test_sigma_is_true(method, keys):
     recording = network(**{"duration": 30.0, **keys})
-    ranges = recover(recording, method).recording.ranges
+    ranges = range_packets(recording, method).recording.ranges
     keep = settled(recording, ranges)
     ratio = np.sqrt(np.mean((errors(recording, ranges) / ranges.sigma)[keep] ** 2))
     assert 0.9 < ratio < 1.1
@@ -60,7 +60,7 @@ def test_sigma_is_true(method, keys):
 
 def test_correlation_time_tells_how_much_means_are_worth():
     recording = network(60.0)
-    found = recover(recording, "clock")
+    found = range_packets(recording, "clock")
     ranges = found.recording.ranges
     assert found.recording.team.range_correlation == found.correlation_time > 0.01
     error = errors(recording, ranges)
@@ -86,16 +86,16 @@ def test_skew_and_offset_are_those_of_the_oscillators():
         own = frames.source == robot
         sent, stamp = frames.transmit[own], frames.stamp[own]
         step = (sent[-1] - sent[0]) % 2**40
-        expected = (stamp[-1] - stamp[0]) * 1e-9 / TICK
+        expected = (stamp[-1] - stamp[0]) * 1e-9 / SECONDS_PER_TICK
         turns = round((expected - step) / 2**40)
         rate.append((step + turns * 2**40) / expected)
         last.append((stamp[-1], int(sent[0] + step + turns * 2**40)))
-    for (a, b), one in recover(recording, "clock").clocks.items():
+    for (a, b), one in range_packets(recording, "clock").clocks.items():
         i, j = recording.team.index(a), recording.team.index(b)
         assert one.skew == pytest.approx(rate[i] / rate[j] - 1.0, abs=2e-9)
         assert abs(one.skew) < 21e-6
         apart = (last[i][0] - last[j][0]) * 1e-9 * rate[i]
-        offset = (last[i][1] - last[j][1]) * TICK - apart
+        offset = (last[i][1] - last[j][1]) * SECONDS_PER_TICK - apart
         # A range in the last frame; both clocks drift apart by 1 us from one frame to the next.
         assert one.offset == pytest.approx(offset, abs=2e-6)
         assert one.skew_range[0] < one.skew < one.skew_range[1]
@@ -105,13 +105,13 @@ def test_skew_and_offset_are_those_of_the_oscillators():
 def test_a_clock_that_jumps_costs_a_few_frames(seconds):
     plain = network(20.0)
     recording = jumped(plain, 2, 10.0, seconds)
-    found = recover(recording, "clock")
+    found = range_packets(recording, "clock")
     ranges = found.recording.ranges
     assert np.abs(errors(recording, ranges)).max() < 0.15
     touched = (ranges.source == 2) | (ranges.target == 2)
     gap = np.diff(ranges.stamp[(ranges.source == 2) & (ranges.target == 3)]).max() * 1e-9
     assert 0.08 < gap < 0.3
-    lost = recover(plain, "clock").recording.ranges.stamp.size - ranges.stamp.size
+    lost = range_packets(plain, "clock").recording.ranges.stamp.size - ranges.stamp.size
     assert 0 < lost < 4 * 30
     assert np.count_nonzero(touched) > 4 * 1900
     assert found.clocks["R3", "R4"].rejected >= 20
@@ -120,7 +120,7 @@ def test_a_clock_that_jumps_costs_a_few_frames(seconds):
 
 def test_a_short_burst_of_late_stamps_is_bridged():
     recording = late(network(20.0), 2, 10.0, 10.055, 20e-9)
-    ranges = recover(recording, "clock").recording.ranges
+    ranges = range_packets(recording, "clock").recording.ranges
     assert np.abs(errors(recording, ranges)).max() < 0.1
     own = ranges.stamp[(ranges.source == 2) & (ranges.target == 3)]
     assert np.diff(own).max() < 0.12e9
@@ -128,18 +128,18 @@ def test_a_short_burst_of_late_stamps_is_bridged():
 
 def test_after_a_long_burst_the_filters_begin_anew():
     recording = late(network(20.0), 2, 10.0, 12.0, 20e-9)
-    ranges = recover(recording, "clock").recording.ranges
+    ranges = range_packets(recording, "clock").recording.ranges
     t = (ranges.stamp - recording.frames.stamp[0]) * 1e-9
     error = errors(recording, ranges)
     assert np.abs(error[(t < 9.9) | (t > 12.5)]).max() < 0.1
     inside = (t > 11.0) & (t < 11.9) & ((ranges.source == 2) ^ (ranges.target == 2))
-    assert np.median(error[inside]) == pytest.approx(10e-9 * SPEED, abs=0.02)
+    assert np.median(error[inside]) == pytest.approx(10e-9 * RADIO_SPEED, abs=0.02)
 
 
 @pytest.mark.parametrize("method", ["clock", "double-sided"])
 def test_lost_packets_cost_ranges_not_accuracy(method):
     recording = network(20.0, radio__loss=0.3, network__loss=0.1)
-    ranges = recover(recording, method).recording.ranges
+    ranges = range_packets(recording, method).recording.ranges
     keep = settled(recording, ranges)
     assert np.sqrt(np.mean(errors(recording, ranges)[keep] ** 2)) < 0.035
     assert ranges.stamp.size > 10 * 2000 * 0.15

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clt.ranging.double_sided import time_of_flight
-from clt.ranging.recover import recover
+from clt.ranging.recover import range_packets
 from tests.ranging.networks import errors, jumped, network, settled
 
 skews = st.floats(-20e-6, 20e-6)
@@ -29,14 +29,14 @@ def test_slow_networks_are_ranged_well_where_robots_move():
     recording = network(300.0, **keys)
     rms = {}
     for method in ("clock", "double-sided"):
-        ranges = recover(recording, method).recording.ranges
+        ranges = range_packets(recording, method).recording.ranges
         keep = settled(recording, ranges, 5.0)
         error = errors(recording, ranges)[keep]
         rms[method] = np.sqrt(np.mean(error**2))
     assert np.sqrt(np.mean((error / ranges.sigma[keep]) ** 2)) == pytest.approx(0.9, abs=0.2)
     assert rms["double-sided"] < 0.04
     assert rms["double-sided"] < 0.85 * rms["clock"]
-    found = recover(recording)
+    found = range_packets(recording)
     assert found.method == "double-sided"
     assert found.correlation_time == 0.0
 
@@ -44,7 +44,7 @@ def test_slow_networks_are_ranged_well_where_robots_move():
 @pytest.mark.parametrize("seconds", [1e-4, 3.0, -5.0])
 def test_a_jump_spoils_only_the_triples_around_it(seconds):
     recording = jumped(network(20.0, radio__rate=10.0), 2, 10.0, seconds)
-    found = recover(recording, "double-sided")
+    found = range_packets(recording, "double-sided")
     ranges = found.recording.ranges
     assert np.abs(errors(recording, ranges)).max() < 0.2
     assert 1 <= found.clocks["R3", "R4"].rejected <= 3

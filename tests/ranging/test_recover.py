@@ -5,14 +5,14 @@ import pytest
 
 from clt.core.errors import CltError
 from clt.core.recording import Ranges, Recording
-from clt.ranging.recover import GRAIN, recover
-from clt.ranging.smooth import smooth, variances
+from clt.ranging.recover import RANGE_RESOLUTION_M, range_packets
+from clt.ranging.smooth import smooth_ranges, smoothed_variances
 from tests.ranging.networks import errors, network, settled
 
 
 def test_every_pair_once_per_frame_in_order():
     recording = network(5.0)
-    ranges = recover(recording).recording.ranges
+    ranges = range_packets(recording).recording.ranges
     assert np.all(np.diff(ranges.stamp) >= 0)
     assert np.all(ranges.source < ranges.target)
     for a in range(5):
@@ -22,13 +22,13 @@ def test_every_pair_once_per_frame_in_order():
             assert np.all(np.diff(ranges.sequence[own]) == 4 - a)
     assert np.unique(np.stack([ranges.source, ranges.sequence]), axis=1).shape[1] == own.size
     assert np.all(ranges.log_time >= ranges.stamp)
-    assert np.all(ranges.range == np.rint(ranges.range / GRAIN) * GRAIN)
+    assert np.all(ranges.range == np.rint(ranges.range / RANGE_RESOLUTION_M) * RANGE_RESOLUTION_M)
     np.testing.assert_array_equal(ranges.raw, ranges.range)
 
 
 @pytest.mark.parametrize(("rate", "method"), [(100.0, "clock"), (1.0, "double-sided")])
 def test_the_method_suits_the_rate_and_is_said(rate, method):
-    found = recover(network(60.0, radio__rate=rate))
+    found = range_packets(network(60.0, radio__rate=rate))
     assert found.method == method
     assert found.rate == pytest.approx(rate, rel=1e-6)
     assert "clock filters promise" in found.why
@@ -37,7 +37,7 @@ def test_the_method_suits_the_rate_and_is_said(rate, method):
 def test_odometry_comes_back_on_the_common_clock():
     recording = network(30.0, radio__loss=0.05, network__loss=0.1, seed=3)
     plain = network(30.0, radio__odometry="topic", seed=3)
-    found = recover(recording).recording
+    found = range_packets(recording).recording
     assert list(found.odometry) == ["R3", "R4", "R5"]
     for name, stream in found.odometry.items():
         own = plain.odometry[name]
@@ -61,8 +61,8 @@ def test_jitter_of_the_listener_averages_out():
             for name in frames.__dataclass_fields__
         },
     )
-    plain = recover(recording).recording.odometry["R3"]
-    found = recover(replace(recording, frames=shaken)).recording.odometry["R3"]
+    plain = range_packets(recording).recording.odometry["R3"]
+    found = range_packets(replace(recording, frames=shaken)).recording.odometry["R3"]
     lag = found.stamp - plain.stamp[: found.stamp.size]
     assert np.mean(lag) == pytest.approx(2e6, abs=2e5)
     assert np.std(lag) < 2e5
@@ -71,27 +71,27 @@ def test_jitter_of_the_listener_averages_out():
 def test_odometry_on_topics_stays():
     recording = network(3.0, radio__odometry="topic")
     assert np.all(recording.frames.odometry_stamp == -1)
-    assert recover(recording).recording.odometry["R4"] is recording.odometry["R4"]
+    assert range_packets(recording).recording.odometry["R4"] is recording.odometry["R4"]
 
 
 def test_known_noise_is_believed():
     recording = network(5.0)
-    assert recover(recording, sigma=3e-10).clocks["R1", "R2"].stamp_sigma == pytest.approx(
+    assert range_packets(recording, sigma=3e-10).clocks["R1", "R2"].stamp_sigma == pytest.approx(
         3e-10, rel=1e-3
     )
-    measured = recover(recording).clocks["R1", "R2"].stamp_sigma
+    measured = range_packets(recording).clocks["R1", "R2"].stamp_sigma
     assert measured == pytest.approx(150e-12, rel=0.05)
 
 
 def test_same_packets_same_ranges():
-    first, second = (recover(network(2.0)).recording.ranges for _ in range(2))
+    first, second = (range_packets(network(2.0)).recording.ranges for _ in range(2))
     for name in Ranges.__dataclass_fields__:
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
 
 
 def test_smoothing_keeps_sigma_true_and_says_how_errors_last():
     recording = network(30.0, trajectory={"kind": "stand"})
-    plain, found = recover(recording, "clock"), recover(recording, "clock", 10)
+    plain, found = range_packets(recording, "clock"), range_packets(recording, "clock", 10)
     ranges = found.recording.ranges
     keep = settled(recording, ranges)
     error = errors(recording, ranges)[keep]
@@ -108,7 +108,7 @@ def test_weights_of_smoothing():
         stamp, stamp, one.astype(int) * 0, one.astype(int), np.array([1.0, 2.0, 4.0, 8.0]),
         one, one, np.arange(4),
     )  # fmt: skip
-    means, tau = smooth(ranges, 2, 3, 0.0)
+    means, tau = smooth_ranges(ranges, 2, 3, 0.0)
     expected = [1.0, (2 * 2 + 1) / 3, (3 * 4 + 2 * 2 + 1) / 6, (3 * 8 + 2 * 4 + 2) / 6]
     np.testing.assert_allclose(means.range, expected)
     spread = [1.0, 5 / 9, 14 / 36, 14 / 36]
@@ -119,7 +119,7 @@ def test_weights_of_smoothing():
 
 @pytest.mark.parametrize("rho", [0.0, 0.4, 0.99])
 def test_the_variance_of_smoothed_errors(rho):
-    found = variances(60, rho)
+    found = smoothed_variances(60, rho)
     for n in (1, 2, 5, 60):
         falling = np.arange(n, 0, -1) / (n * (n + 1) / 2)
         lag = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
@@ -128,12 +128,14 @@ def test_the_variance_of_smoothed_errors(rho):
 
 def test_smoothing_is_told_by_the_pair_with_the_most_ranges():
     recording = network(4.0, trajectory={"kind": "stand"})
-    plain = recover(recording, "clock")
+    plain = range_packets(recording, "clock")
     ranges, tau = plain.recording.ranges, plain.correlation_time
     last = (ranges.source == ranges.source.max()) & (ranges.target == ranges.target.max())
     keep = ~last | (np.cumsum(last) <= 3)
     fewer = Ranges(**{name: column[keep] for name, column in vars(ranges).items()})
-    assert smooth(fewer, 5, 20, tau)[1] == pytest.approx(smooth(ranges, 5, 20, tau)[1], rel=0.01)
+    assert smooth_ranges(fewer, 5, 20, tau)[1] == pytest.approx(
+        smooth_ranges(ranges, 5, 20, tau)[1], rel=0.01
+    )
 
 
 def test_nothing_to_range():
@@ -141,9 +143,9 @@ def test_nothing_to_range():
     alone = network(2.0, team__moving=1, team__static=0)
     for method in ("auto", "clock", "double-sided"):
         with pytest.raises(CltError, match=r"^UWB packets of R1 alone: nobody to range with$"):
-            recover(alone, method)
+            range_packets(alone, method)
     with pytest.raises(CltError, match="no UWB packets found"):
-        recover(Recording(recording.team))
+        range_packets(Recording(recording.team))
     deaf = replace(recording.frames, heard=np.full_like(recording.frames.heard, -1))
     with pytest.raises(CltError, match="give no range"):
-        recover(replace(recording, frames=deaf))
+        range_packets(replace(recording, frames=deaf))

@@ -3,34 +3,36 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clt.core.recording import Frames
-from clt.core.ticks import HZ, SPAN, difference
-from clt.ranging.unwrap import before, endless, unwrap
+from clt.core.recording import UwbPackets
+from clt.core.ticks import COUNTER_PERIOD_TICKS, TICKS_PER_SECOND, tick_difference
+from clt.ranging.unwrap import unwrap_counter, unwrap_earlier, unwrap_packets
 
-ticks = st.integers(0, SPAN - 1)
-ahead = st.integers(-SPAN // 2, SPAN // 2 - 1)
+ticks = st.integers(0, COUNTER_PERIOD_TICKS - 1)
+ahead = st.integers(-COUNTER_PERIOD_TICKS // 2, COUNTER_PERIOD_TICKS // 2 - 1)
 
 
 @given(ticks, ahead)
 def test_a_difference_is_signed_and_knows_the_wrap(start, step):
-    later = np.array([(start + step) % SPAN])
-    assert difference(later, np.array([start]))[0] == step
+    later = np.array([(start + step) % COUNTER_PERIOD_TICKS])
+    assert tick_difference(later, np.array([start]))[0] == step
 
 
-@given(ticks, st.integers(0, SPAN - 1))
+@given(ticks, st.integers(0, COUNTER_PERIOD_TICKS - 1))
 def test_what_came_before_is_found_up_to_one_turn_back(now, age):
-    earlier = np.array([(now - age) % SPAN])
-    found = before(np.array([now]), earlier, np.array([7 * SPAN + now]))
-    assert found[0] == 7 * SPAN + now - age
+    earlier = np.array([(now - age) % COUNTER_PERIOD_TICKS])
+    found = unwrap_earlier(np.array([now]), earlier, np.array([7 * COUNTER_PERIOD_TICKS + now]))
+    assert found[0] == 7 * COUNTER_PERIOD_TICKS + now - age
 
 
 @given(ticks, st.lists(st.floats(1e-3, 100.0), max_size=20), st.integers(0, 2**32))
 def test_endless_time_bridges_gaps_of_many_turns(start, gaps, seed):
     rng = np.random.default_rng(seed)
-    true = start + np.concatenate([[0], np.cumsum(np.rint(np.array(gaps) * HZ))]).astype(np.int64)
+    true = start + np.concatenate(
+        [[0], np.cumsum(np.rint(np.array(gaps) * TICKS_PER_SECOND))]
+    ).astype(np.int64)
     jitter = rng.uniform(-1.0, 1.0, true.size)
-    stamp = np.rint((true / HZ + jitter) * 1e9).astype(np.int64)
-    np.testing.assert_array_equal(endless(true % SPAN, stamp), true)
+    stamp = np.rint((true / TICKS_PER_SECOND + jitter) * 1e9).astype(np.int64)
+    np.testing.assert_array_equal(unwrap_counter(true % COUNTER_PERIOD_TICKS, stamp), true)
 
 
 def frames(rows, robots=2):
@@ -45,14 +47,16 @@ def frames(rows, robots=2):
     transmit = stamp * 64
     none = np.full(n, -1)
     receive = np.where(heard >= 0, transmit[:, None] - 64_000_000, -1)
-    return Frames(
+    return UwbPackets(
         stamp, stamp, source, sequence, transmit, receive, heard, none, none * 1.0, none * 1.0
     )
 
 
 def test_receptions_are_linked_to_their_packets():
     rows = [(0, 0, 5, {}), (1, 1, 9, {0: 5}), (10, 0, 6, {1: 9}), (11, 1, 10, {0: 6})]
-    np.testing.assert_array_equal(unwrap(frames(rows)).row, [[-1, -1], [0, -1], [-1, 1], [2, -1]])
+    np.testing.assert_array_equal(
+        unwrap_packets(frames(rows)).row, [[-1, -1], [0, -1], [-1, 1], [2, -1]]
+    )
 
 
 @pytest.mark.parametrize(
@@ -66,11 +70,14 @@ def test_receptions_are_linked_to_their_packets():
     ],
 )
 def test_other_receptions_are_not(rows, why):
-    assert np.all(unwrap(frames(rows)).row[-1] == -1), why
+    assert np.all(unwrap_packets(frames(rows)).row[-1] == -1), why
 
 
 def test_received_is_on_the_endless_clock_of_the_receiver():
     rows = [(0, 0, 5, {}), (1, 1, 9, {0: 5}), (40_000, 1, 10, {}), (40_001, 0, 6, {1: 10})]
-    network = unwrap(frames(rows))
+    network = unwrap_packets(frames(rows))
     assert network.sent[3] - network.received[3, 1] == 64_000_000
-    assert abs(network.sent[2] - network.sent[1] - 39.999 * HZ) < SPAN / 2
+    assert (
+        abs(network.sent[2] - network.sent[1] - 39.999 * TICKS_PER_SECOND)
+        < COUNTER_PERIOD_TICKS / 2
+    )

@@ -2,15 +2,15 @@ import numpy as np
 import pytest
 
 from clt.core.errors import UsageError
-from clt.sim.motion import paths
+from clt.sim.motion import drive_paths
 from clt.sim.scenario import load_scenario
-from clt.sim.team import members
-from clt.sim.trajectory import at
+from clt.sim.team import team_members
+from clt.sim.trajectory import state_at
 
 
 def driven(**overrides):
     scenario = load_scenario("shi-sim", {k.replace("__", "."): v for k, v in overrides.items()})
-    return paths(scenario, members(scenario))
+    return drive_paths(scenario, team_members(scenario))
 
 
 def test_wander_stays_in_the_area_and_turns_freely():
@@ -32,7 +32,7 @@ def test_more_robots_or_time_change_no_drive():
     long = driven(duration=30.0, team__moving=6, team__static=4)
     t = np.linspace(0.0, 20.0, 101)
     for before, after in zip(("R3", "R4", "R5"), ("R5", "R6", "R7"), strict=True):
-        np.testing.assert_array_equal(at(short[before], t).x, at(long[after], t).x)
+        np.testing.assert_array_equal(state_at(short[before], t).x, state_at(long[after], t).x)
 
 
 def test_drives_differ_between_robots_and_seeds():
@@ -51,7 +51,7 @@ def test_circle_closes_and_turns_right():
         duration=100.0, team__moving=1, trajectory__kind="circle", trajectory__radius=2.0,
         trajectory__speed=0.5, trajectory__turn="right",
     )["R3"]  # fmt: skip
-    state = at(path, np.linspace(0.0, 8.0 * np.pi, 50))
+    state = state_at(path, np.linspace(0.0, 8.0 * np.pi, 50))
     np.testing.assert_allclose(np.hypot(state.x - 6.0, state.y - 6.0), 2.0, atol=1e-9)
     assert state.heading[-1] - state.heading[0] == pytest.approx(-2.0 * np.pi)
     assert state.x[0] == pytest.approx(state.x[-1])
@@ -74,21 +74,21 @@ SEGMENTS = {
 
 def test_segments_ramp_and_hold():
     path = driven(trajectory=SEGMENTS, duration=8.0)["R3"]
-    state = at(path, np.array([0.0, 0.25, 0.5, 1.9, 2.25, 2.5, 4.9, 7.9]))
+    state = state_at(path, np.array([0.0, 0.25, 0.5, 1.9, 2.25, 2.5, 4.9, 7.9]))
     np.testing.assert_allclose(state.v, [0.0, 0.5, 1.0, 1.0, 0.7, 0.4, 0.4, 0.4], atol=1e-9)
     np.testing.assert_allclose(state.omega, [0.0, 0.0, 0.0, 0.0, 0.4, 0.8, 0.8, 0.8], atol=1e-9)
 
 
 def test_segments_repeat():
     path = driven(trajectory=SEGMENTS | {"repeat": True}, duration=12.0)["R3"]
-    state = at(path, np.array([4.9, 5.25, 6.0, 7.25, 9.0, 11.0]))
+    state = state_at(path, np.array([4.9, 5.25, 6.0, 7.25, 9.0, 11.0]))
     np.testing.assert_allclose(state.v, [0.4, 0.7, 1.0, 0.7, 0.4, 1.0], atol=1e-9)
 
 
 def test_a_scenario_that_ends_within_a_ramp():
     path = driven(trajectory=SEGMENTS, duration=0.2)["R3"]
     assert path.t[-1] >= 0.2
-    assert at(path, np.array([0.2])).v[0] == pytest.approx(0.4)
+    assert state_at(path, np.array([0.2])).v[0] == pytest.approx(0.4)
 
 
 def test_robots_have_their_own_drives():
@@ -119,5 +119,5 @@ def test_a_turn_radius_holds_on_ramps_too():
             trajectory={"kind": "segments", "segments": segments, "turn_radius": 1.2, "ramp": 0.7,
                         "repeat": True},
         )["R3"]  # fmt: skip
-        state = at(path, np.linspace(0.0, 12.0, 2000))
+        state = state_at(path, np.linspace(0.0, 12.0, 2000))
         assert (abs(state.omega) * 1.2 <= abs(state.v) + 1e-9).all()

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from clt.core.geometry import relative_pose
-from clt.sim.motion import paths
-from clt.sim.scenario import built_in, load_scenario
-from clt.sim.simulate import exact, simulate
-from clt.sim.team import members
-from clt.sim.trajectory import at
+from clt.sim.motion import drive_paths
+from clt.sim.scenario import built_in_names, load_scenario
+from clt.sim.simulate import simulate, simulate_exact
+from clt.sim.team import team_members
+from clt.sim.trajectory import state_at
 
 PAIRS = ("araki-left-turns", "araki-left-straight", "araki-straight", "araki-semicircles")
 CARS = (*PAIRS, "araki-five")
@@ -33,7 +33,10 @@ def driven(name, rate=50.0):
     """States of every robot, `rate` times a second."""
     scenario = load_scenario(name)
     t = np.arange(0.0, scenario.duration, 1.0 / rate)
-    return {robot: at(path, t) for robot, path in paths(scenario, members(scenario)).items()}
+    return {
+        robot: state_at(path, t)
+        for robot, path in drive_paths(scenario, team_members(scenario)).items()
+    }
 
 
 def apart(states):
@@ -46,7 +49,7 @@ def start(truth):
 
 
 def test_every_scene_of_the_contract_is_built_in():
-    assert set(built_in()) == {
+    assert set(built_in_names()) == {
         "shi-sim", "shi-three", "shi-five", *CARS, "freeman", "li-two", "li-three",
     }  # fmt: skip
 
@@ -88,7 +91,7 @@ def test_five_cars_cross_in_three_groups():
 
 @pytest.mark.parametrize("name", PAIRS)
 def test_two_cars_measure_at_the_paper_s_rates(name):
-    perfect = exact(load_scenario(name))
+    perfect = simulate_exact(load_scenario(name))
     assert len(perfect.ranges.stamp) == pytest.approx(150, abs=1)
     assert {len(stream.stamp) for stream in perfect.odometry.values()} <= {299, 300}
     assert {len(poses.stamp) for poses in perfect.truth.values()} == {1001}
@@ -145,7 +148,7 @@ def test_freeman_s_figures():
 
 def test_freeman_s_two_ranges_are_independent():
     perfect, noisy = (make(load_scenario("freeman", {"duration": 500.0}))
-                      for make in (exact, simulate))  # fmt: skip
+                      for make in (simulate_exact, simulate))  # fmt: skip
     errors = noisy.ranges.range - perfect.ranges.range
     one, two = (errors[noisy.ranges.source == robot] for robot in (0, 1))
     assert abs(np.corrcoef(one, two)[0, 1]) < 0.04

@@ -2,13 +2,14 @@ import numpy as np
 import pytest
 
 from clt.core.errors import UsageError
-from clt.core.recording import Frames
-from clt.core.ticks import GRID, HZ, SPAN
-from clt.ranging.recover import recover
-from clt.sim.clock import KNOT, oscillate
+from clt.core.recording import UwbPackets
+from clt.core.ticks import COUNTER_PERIOD_TICKS, TICKS_PER_SECOND, TRANSMIT_GRID_TICKS
+from clt.ranging.recover import range_packets
+from clt.sim.clock import KNOT_TICKS, simulate_clock
 from clt.sim.scenario import load_scenario
 from clt.sim.settings import Oscillator
-from clt.sim.simulate import EPOCH, exact, simulate
+from clt.sim.simulate import simulate, simulate_exact
+from clt.sim.transport import LOG_START_NS
 
 
 def frames(**keys):
@@ -18,7 +19,7 @@ def frames(**keys):
 
 
 def clock(seed=1, duration=20.0, **settings):
-    return oscillate(Oscillator(**settings), duration, np.random.default_rng(seed))
+    return simulate_clock(Oscillator(**settings), duration, np.random.default_rng(seed))
 
 
 def test_a_log_holds_packets_or_ranges():
@@ -36,7 +37,7 @@ def test_a_log_holds_packets_or_ranges():
 
 def test_equal_seeds_equal_packets():
     first, again, other = frames(), frames(), frames(seed=2)
-    for name in Frames.__dataclass_fields__:
+    for name in UwbPackets.__dataclass_fields__:
         np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
     assert not np.array_equal(first.receive, other.receive)
 
@@ -52,13 +53,13 @@ def test_losses_leave_all_stamps_as_they_were():
 
 def test_robots_send_in_turn_on_the_grid():
     found = frames(radio__slot=0.0015)
-    assert np.all(found.transmit % GRID == 0)
-    assert np.all((found.transmit >= 0) & (found.transmit < SPAN))
+    assert np.all(found.transmit % TRANSMIT_GRID_TICKS == 0)
+    assert np.all((found.transmit >= 0) & (found.transmit < COUNTER_PERIOD_TICKS))
     np.testing.assert_array_equal(found.source[:10], [0, 1, 2, 3, 4] * 2)
-    planned = EPOCH + found.sequence * 10_000_000 + 10_000_000 + found.source * 1_500_000
+    planned = LOG_START_NS + found.sequence * 10_000_000 + 10_000_000 + found.source * 1_500_000
     late = found.stamp - planned
     assert late.min() >= -1
-    assert late.max() <= 1 + 1e9 * GRID / HZ
+    assert late.max() <= 1 + 1e9 * TRANSMIT_GRID_TICKS / TICKS_PER_SECOND
 
 
 def test_a_packet_tells_what_came_since_the_one_before():
@@ -81,8 +82,8 @@ def test_flights_take_as_long_as_the_way():
     found = recording.frames
     forth = found.receive[1, 0] - found.transmit[0]
     back = found.receive[5, 1] - found.transmit[1]
-    flight = ((forth + back) % SPAN) / 2
-    assert flight == pytest.approx(12.0 / 299_702_547.0 * HZ, abs=1.0)
+    flight = ((forth + back) % COUNTER_PERIOD_TICKS) / 2
+    assert flight == pytest.approx(12.0 / 299_702_547.0 * TICKS_PER_SECOND, abs=1.0)
 
 
 def test_antennas_and_obstacles_lengthen_the_way():
@@ -97,9 +98,11 @@ def test_antennas_and_obstacles_lengthen_the_way():
     first = late[source == 0]  # constant on a link, but for whole ticks
     assert (first.max(axis=0) - first.min(axis=0)).max() <= 1
     assert each == pytest.approx(each.T, abs=1.0)  # the same both ways
-    assert np.abs(each[np.triu_indices(5, 1)]).max() > 0.5e-9 * HZ
+    assert np.abs(each[np.triu_indices(5, 1)]).max() > 0.5e-9 * TICKS_PER_SECOND
     assert np.all((blocked - plain)[heard] >= 0)
-    assert np.mean((blocked - plain)[heard]) == pytest.approx(HZ / 299_702_547.0, rel=0.1)
+    assert np.mean((blocked - plain)[heard]) == pytest.approx(
+        TICKS_PER_SECOND / 299_702_547.0, rel=0.1
+    )
 
 
 def test_robots_out_of_reach_are_not_heard():
@@ -114,7 +117,9 @@ def test_odometry_travels_with_its_own_time():
     assert np.all(found.odometry_stamp[~moving] == -1)
     assert np.all(np.isnan(found.v[~moving]))
     own = np.flatnonzero((found.source == 3) & (found.odometry_stamp >= 0))
-    age = ((found.transmit[own] - found.odometry_stamp[own]) % SPAN) / HZ
+    age = (
+        (found.transmit[own] - found.odometry_stamp[own]) % COUNTER_PERIOD_TICKS
+    ) / TICKS_PER_SECOND
     assert age.min() >= 0.0
     assert age.max() < 0.0501
     assert np.unique(found.odometry_stamp[own]).size == 39
@@ -122,31 +127,31 @@ def test_odometry_travels_with_its_own_time():
 
 def test_the_perfect_twin_keeps_its_clocks():
     scenario = load_scenario("shi-sim", {"radio.antenna_delay": 1e-9, "duration": 1.0})
-    real, perfect = simulate(scenario).frames, exact(scenario).frames
+    real, perfect = simulate(scenario).frames, simulate_exact(scenario).frames
     np.testing.assert_array_equal(real.transmit, perfect.transmit)
     assert not np.array_equal(real.receive, perfect.receive)
 
 
 def test_a_clock_runs_as_its_oscillator_says():
     one = clock(skew=20e-6, skew_walk=0.0, phase_walk=0.0)
-    base = np.array([0, 10 * HZ])
+    base = np.array([0, 10 * TICKS_PER_SECOND])
     _, rest = one.read(base, np.zeros(2))
-    rate = rest[1] / (10 * HZ)
+    rate = rest[1] / (10 * TICKS_PER_SECOND)
     assert rest[0] == 0.0
     assert 0.0 < abs(rate) <= 20e-6
-    assert one.phase[1] / KNOT == pytest.approx(rate)
+    assert one.phase[1] / KNOT_TICKS == pytest.approx(rate)
 
 
 def test_clocks_wander_like_random_walks():
     walk = np.array([clock(seed, skew=0.0, skew_walk=1e-9).phase[1000] for seed in range(400)])
     # Variance of the phase after t: S_g t^3 / 3, with t = 10 s.
-    assert np.std(walk / HZ) == pytest.approx(1e-9 * np.sqrt(1000 / 3), rel=0.1)
+    assert np.std(walk / TICKS_PER_SECOND) == pytest.approx(1e-9 * np.sqrt(1000 / 3), rel=0.1)
 
 
 def test_warming_up_dies_out():
     settings = {"skew": 0.0, "skew_walk": 0.0, "phase_walk": 0.0}
     one = clock(duration=60.0, warm_up=2e-6, warm_up_time=5.0, **settings)
-    rate = np.diff(one.phase) / KNOT
+    rate = np.diff(one.phase) / KNOT_TICKS
     assert 0.0 < abs(rate[0]) <= 2e-6
     assert rate[500] / rate[0] == pytest.approx(np.exp(-1.0), rel=0.01)
     assert abs(rate[-1]) < 1e-4 * abs(rate[0])
@@ -154,14 +159,14 @@ def test_warming_up_dies_out():
 
 def test_departures_invert_the_clock():
     one = clock(skew=20e-6)
-    planned = np.arange(1, 1900) * (HZ // 100) + 123
+    planned = np.arange(1, 1900) * (TICKS_PER_SECOND // 100) + 123
     reading, base, rest = one.send(planned)
-    assert np.all(reading % GRID == 0)
+    assert np.all(reading % TRANSMIT_GRID_TICKS == 0)
     whole, part = one.read(base, rest)
     assert np.abs(whole - reading + part).max() < 1e-3
     wait = (base - planned) + rest
     assert wait.min() >= -1.0
-    assert wait.max() <= GRID + 1.0
+    assert wait.max() <= TRANSMIT_GRID_TICKS + 1.0
 
 
 @pytest.mark.parametrize(
@@ -187,6 +192,6 @@ def test_a_drive_too_short_for_a_frame_has_no_packets():
 def test_only_the_wanted_pairs_hear_each_other():
     keys = {"radio": {}, "duration": 5.0, "sensors.range.pairs": "moving-moving"}
     recording = simulate(load_scenario("shi-five", keys))
-    ranges = recover(recording).recording.ranges
+    ranges = range_packets(recording).recording.ranges
     heard = set(zip(ranges.source.tolist(), ranges.target.tolist(), strict=True))
     assert {frozenset(pair) for pair in heard} == {frozenset(p) for p in ((2, 3), (2, 4), (3, 4))}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clt.sim.scenario import load_scenario
-from clt.sim.simulate import exact, simulate
+from clt.sim.simulate import simulate, simulate_exact
 
 START = 1_735_689_600_000_000_000
 
@@ -47,7 +47,7 @@ def test_every_pair_has_its_rate():
 
 def test_pairs_out_of_step_still_measure_distances_in_order():
     keys = {"sensors__range__rate_spread": 0.3, "sensors__range__phase": "random"}
-    recording = exact(scenario(duration=20.0, sensors__truth__rate=1000.0, **keys))
+    recording = simulate_exact(scenario(duration=20.0, sensors__truth__rate=1000.0, **keys))
     ranges = recording.ranges
     assert (np.diff(ranges.stamp) >= 0).all()
     spots = np.empty((2, 2, len(ranges.stamp)))

@@ -3,7 +3,7 @@ import pytest
 
 from clt.core.errors import UsageError
 from clt.sim.scenario import load_scenario
-from clt.sim.simulate import exact, simulate
+from clt.sim.simulate import simulate, simulate_exact
 
 
 def scenario(**overrides):
@@ -34,7 +34,7 @@ def test_all_pairs_are_measured_once_by_the_lower_id():
 
 
 def test_ranges_are_distances():
-    recording = exact(scenario(duration=10.0))
+    recording = simulate_exact(scenario(duration=10.0))
     ranges, names = recording.ranges, recording.team.names
     for a, b in {(0, 1), (0, 3), (2, 4)}:
         one, two = recording.truth[names[a]], recording.truth[names[b]]
@@ -45,7 +45,9 @@ def test_ranges_are_distances():
 
 def test_antennas_sit_where_they_are():
     robot = {"name": "R9", "antenna": [0.3, -0.1]}
-    recording = exact(scenario(duration=10.0, robots=[robot], team__moving=1, team__static=1))
+    recording = simulate_exact(
+        scenario(duration=10.0, robots=[robot], team__moving=1, team__static=1)
+    )
     pose, (x, y) = recording.truth["R9"], recording.team.static[0].position
     antenna_x = pose.x + 0.3 * np.cos(pose.heading) + 0.1 * np.sin(pose.heading)
     antenna_y = pose.y + 0.3 * np.sin(pose.heading) - 0.1 * np.cos(pose.heading)
@@ -91,7 +93,7 @@ def test_no_pairs_no_ranges():
 
 def test_noise_and_bias():
     keys = {"sensors__range__sigma": 0.15, "sensors__range__bias": 0.4}
-    noisy, perfect = simulate(scenario(**keys)), exact(scenario(**keys))
+    noisy, perfect = simulate(scenario(**keys)), simulate_exact(scenario(**keys))
     error = (noisy.ranges.range - perfect.ranges.range).reshape(-1, 10)
     np.testing.assert_allclose(error.mean(axis=0), 0.4, atol=4 * 0.15 / np.sqrt(6000))
     np.testing.assert_allclose(error.std(axis=0), 0.15, rtol=0.05)
@@ -104,7 +106,7 @@ def test_out_of_reach_means_no_range():
     recording = simulate(scenario(sensors__range__max_range=6.0, sensors__range__sigma=0.0))
     assert 0 < len(recording.ranges.stamp) < 60_000
     assert recording.ranges.range.max() <= 6.0
-    assert len(exact(scenario(sensors__range__max_range=6.0)).ranges.stamp) == len(
+    assert len(simulate_exact(scenario(sensors__range__max_range=6.0)).ranges.stamp) == len(
         recording.ranges.stamp
     )
 

@@ -1,8 +1,8 @@
 import pytest
 
 from clt.core.errors import UsageError
-from clt.core.settings import known_keys, literal
-from clt.sim.scenario import Scenario, built_in, effective_toml, load_scenario
+from clt.core.settings import known_keys, parse_literal
+from clt.sim.scenario import Scenario, built_in_names, effective_toml, load_scenario
 
 
 def refused(overrides):
@@ -12,8 +12,8 @@ def refused(overrides):
 
 
 def test_built_ins_load_and_describe_themselves():
-    assert "shi-sim" in built_in()
-    for name in built_in():
+    assert "shi-sim" in built_in_names()
+    for name in built_in_names():
         scenario = load_scenario(name)
         assert scenario.name == name
         assert len(scenario.description) > 10
@@ -139,7 +139,7 @@ def test_no_such_scenario(source, text):
         {"trajectory": {"kind": "segments", "segments": [SEGMENT, SEGMENT], "repeat": True}},
         {"robots": [{"name": "A", "start": [1, 2, 3], "trajectory": {"kind": "circle"}},
                     {"name": "B", "static": True, "position": [1, 1]}]},
-        {"description": literal('"quotes \\" and lines \\n"'), "seed": 2**62 + 1},
+        {"description": parse_literal('"quotes \\" and lines \\n"'), "seed": 2**62 + 1},
         {"sensors.range.sigma": 0.1 + 0.2, "outliers.mean": 1e-17},
         {"network.batch": 0.03, "network.clock_mean": -0.002, "network.recorder": "R3"},
         {"sensors.odometry.gaps.share": 0.1, "sensors.odometry.at_rest": 0.0,

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.sim.scenario import load_scenario
-from clt.sim.sensors import sampling
-from clt.sim.simulate import exact, simulate
+from clt.sim.sensors import sample_times
+from clt.sim.simulate import simulate, simulate_exact
 
 
 def scenario(**overrides):
@@ -24,7 +24,7 @@ def arcs(start, odometry, first):
 
 @pytest.mark.parametrize("rate", [20.0, 10.0, 100.0, 33.3])
 def test_interval_means_lead_back_to_the_truth(rate):
-    perfect = exact(scenario(sensors__odometry__rate=rate, sensors__truth__rate=rate))
+    perfect = simulate_exact(scenario(sensors__odometry__rate=rate, sensors__truth__rate=rate))
     curved = 0.004 * (20.0 / rate) ** 2  # what turning within an interval leaves after 300 s
     for name, odometry in perfect.odometry.items():
         truth = perfect.truth[name]
@@ -32,19 +32,19 @@ def test_interval_means_lead_back_to_the_truth(rate):
         x, y, heading = arcs(start, odometry, truth.stamp[0])
         assert abs(x - truth.x[1:]).max() < curved
         assert abs(y - truth.y[1:]).max() < curved
-        assert abs(wrap(heading - truth.heading[1:])).max() < 1e-6
+        assert abs(wrap_angle(heading - truth.heading[1:])).max() < 1e-6
 
 
 def test_instants_do_not_equal_means():
-    mean = exact(scenario()).odometry["R3"]
-    instant = exact(scenario(sensors__odometry__twist="instant")).odometry["R3"]
+    mean = simulate_exact(scenario()).odometry["R3"]
+    instant = simulate_exact(scenario(sensors__odometry__twist="instant")).odometry["R3"]
     middle = (instant.v[1:] + instant.v[:-1]) / 2.0
     assert abs(middle - mean.v[1:]).max() < 0.01
     assert abs(instant.v - mean.v).max() > 0.01
 
 
 def test_instants_are_told_and_are_the_truth_at_the_stamp():
-    perfect = exact(
+    perfect = simulate_exact(
         scenario(
             sensors__odometry__twist="instant", trajectory__kind="circle",
             trajectory__speed=0.6, trajectory__radius=3.0,
@@ -56,7 +56,7 @@ def test_instants_are_told_and_are_the_truth_at_the_stamp():
 
 
 def test_odometry_noise_is_white_and_as_wide_as_told():
-    noisy, perfect = simulate(scenario()), exact(scenario())
+    noisy, perfect = simulate(scenario()), simulate_exact(scenario())
     for name in noisy.odometry:
         v = noisy.odometry[name].v - perfect.odometry[name].v
         omega = noisy.odometry[name].omega - perfect.odometry[name].omega
@@ -77,24 +77,27 @@ def test_scale_and_bias():
     wrong = simulate(
         scenario(**keys, sensors__odometry__sigma_v=0.0, sensors__odometry__sigma_omega=0.0)
     ).odometry["R4"]
-    right = exact(scenario(**keys)).odometry["R4"]
+    right = simulate_exact(scenario(**keys)).odometry["R4"]
     np.testing.assert_allclose(wrong.v, 1.1 * right.v, atol=2e-9)
     np.testing.assert_allclose(wrong.omega, 0.9 * right.omega + 0.05, atol=2e-9)
 
 
 def test_reference_noise():
     keys = {"sensors__truth__sigma": 0.02, "sensors__truth__sigma_heading": 0.01}
-    noisy, perfect = simulate(scenario(**keys)).truth["R3"], exact(scenario(**keys)).truth["R3"]
+    noisy, perfect = (
+        simulate(scenario(**keys)).truth["R3"],
+        simulate_exact(scenario(**keys)).truth["R3"],
+    )
     assert (noisy.x - perfect.x).std() == pytest.approx(0.02, rel=0.05)
     assert (noisy.y - perfect.y).std() == pytest.approx(0.02, rel=0.05)
-    assert wrap(noisy.heading - perfect.heading).std() == pytest.approx(0.01, rel=0.05)
+    assert wrap_angle(noisy.heading - perfect.heading).std() == pytest.approx(0.01, rel=0.05)
     assert noisy.heading.min() > -np.pi
     assert noisy.heading.max() <= np.pi
 
 
 @pytest.mark.parametrize("rate", [0.5, 1.0, 3.0, 20.0, 33.3, 100.0, 1000.0])
 def test_sampling_never_drifts(rate):
-    stamps = sampling(rate, 60.0)
+    stamps = sample_times(rate, 60.0)
     assert len(stamps) == int(60.0 * rate + 1e-9)
     assert abs(stamps - np.arange(1, len(stamps) + 1) * 1e9 / rate).max() <= 0.5
     assert stamps[-1] <= 60_000_000_000

@@ -2,18 +2,18 @@ import numpy as np
 import pytest
 
 from clt.core.errors import UsageError
-from clt.sim.motion import paths
+from clt.sim.motion import drive_paths
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
-from clt.sim.team import members
-from clt.sim.trajectory import at
+from clt.sim.team import team_members
+from clt.sim.trajectory import state_at
 
 STRAIGHT = {"kind": "segments", "segments": [{"duration": 4.0, "v": 0.4, "omega": 0.0}]}
 
 
 def driven(scenario, **overrides):
     found = load_scenario(scenario, {k.replace("__", "."): v for k, v in overrides.items()})
-    return paths(found, members(found))
+    return drive_paths(found, team_members(found))
 
 
 @pytest.mark.parametrize("scenario", ["shi-three", "shi-five"])
@@ -21,9 +21,9 @@ def driven(scenario, **overrides):
 def test_the_paper_s_drive_stands_goes_straight_and_stays_in_the_area(scenario, seed):
     for path in driven(scenario, seed=seed).values():
         assert min(path.x.min(), path.y.min(), 4.0 - path.x.max(), 5.0 - path.y.max()) >= 0.0
-        still = at(path, np.linspace(0.0, 5.0, 50))
+        still = state_at(path, np.linspace(0.0, 5.0, 50))
         assert np.ptp(still.x) == np.ptp(still.y) == np.ptp(still.heading) == 0.0
-        straight = at(path, np.linspace(5.0, 9.0, 50))
+        straight = state_at(path, np.linspace(5.0, 9.0, 50))
         assert np.ptp(straight.heading) == 0.0
         assert straight.s[-1] - straight.s[0] == pytest.approx(0.4 * (4.0 - 0.5), abs=1e-6)
         # Nothing jumps: accelerations are bounded.
@@ -33,7 +33,7 @@ def test_the_paper_s_drive_stands_goes_straight_and_stays_in_the_area(scenario, 
 
 def test_shi_five_ends_in_circles():
     for path in driven("shi-five").values():
-        end = at(path, np.linspace(280.0, 300.0, 100))
+        end = state_at(path, np.linspace(280.0, 300.0, 100))
         centre_x = end.x - 0.6 * np.sin(end.heading)
         centre_y = end.y + 0.6 * np.cos(end.heading)
         np.testing.assert_allclose(centre_x, centre_x[0], atol=1e-6)
@@ -49,7 +49,7 @@ def test_each_phase_begins_where_the_last_one_ended():
     path = driven(
         "shi-sim", team__moving=1, duration=9.0, trajectory={"kind": "sequence", "phases": phases}
     )["R3"]
-    state = at(path, np.array([0.25, 1.0, 1.75, 2.0, 4.0, 5.75, 6.0, 8.9]))
+    state = state_at(path, np.array([0.25, 1.0, 1.75, 2.0, 4.0, 5.75, 6.0, 8.9]))
     np.testing.assert_allclose(state.v, [0.25, 0.5, 0.25, 0.0, 0.4, 0.2, 0.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(state.omega, [0.25, 0.5, 0.25, 0, 0, 0, 0, 0], atol=1e-9)
     steps = np.hypot(np.diff(path.x), np.diff(path.y))
@@ -60,7 +60,7 @@ def test_a_longer_log_begins_with_the_shorter_one():
     short, long = driven("shi-five", duration=30.0), driven("shi-five", duration=100.0)
     t = np.linspace(0.0, 29.0, 101)
     for name in short:
-        np.testing.assert_array_equal(at(short[name], t).x, at(long[name], t).x)
+        np.testing.assert_array_equal(state_at(short[name], t).x, state_at(long[name], t).x)
 
 
 def test_no_room():

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from clt.sim.scenario import load_scenario
-from clt.sim.team import members, team_of
+from clt.sim.team import declared_team, team_members
 
 
 def team(**overrides):
     scenario = load_scenario("shi-sim", {k.replace("__", "."): v for k, v in overrides.items()})
-    return team_of(scenario, members(scenario))
+    return declared_team(scenario, team_members(scenario))
 
 
 @pytest.mark.parametrize("static", [0, 1, 2, 3, 4, 9, 40])

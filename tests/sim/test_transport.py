@@ -5,7 +5,7 @@ import pytest
 
 from clt.core.errors import UsageError
 from clt.sim.scenario import load_scenario
-from clt.sim.simulate import exact, simulate
+from clt.sim.simulate import simulate, simulate_exact
 
 MS = 1_000_000
 REAL = {
@@ -147,7 +147,7 @@ def test_a_recorder_that_is_no_robot_is_refused():
 
 
 def test_exact_has_no_network_and_right_clocks():
-    perfect, whole = exact(scenario(network__recorder="R4", **REAL)), run()
+    perfect, whole = simulate_exact(scenario(network__recorder="R4", **REAL)), run()
     for stream, clean in ((perfect.ranges, whole.ranges),
                           (perfect.odometry["R3"], whole.odometry["R3"])):  # fmt: skip
         np.testing.assert_array_equal(stream.stamp, clean.stamp)

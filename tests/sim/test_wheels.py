@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clt.sim.scenario import load_scenario
-from clt.sim.simulate import exact, simulate
+from clt.sim.simulate import simulate, simulate_exact
 
 QUIET = {"sensors__odometry__sigma_v": 0.0, "sensors__odometry__sigma_omega": 0.0}
 START = 1_735_689_600_000_000_000
@@ -88,7 +88,9 @@ def test_phases_are_uniform_over_a_period():
 
 
 def test_samples_out_of_step_still_are_interval_means():
-    perfect = exact(scenario(sensors__odometry__phase="random", sensors__truth__rate=1000.0))
+    perfect = simulate_exact(
+        scenario(sensors__odometry__phase="random", sensors__truth__rate=1000.0)
+    )
     stream, truth = perfect.odometry["R4"], perfect.truth["R4"]
     heading = np.interp(stream.stamp - START, truth.stamp - START, np.unwrap(truth.heading))
     turned = np.cumsum(stream.omega * np.diff(stream.stamp, prepend=START) * 1e-9)
@@ -140,8 +142,8 @@ def test_exact_odometry_is_free_of_it_all():
         "sensors__odometry__scale_sd": 0.1, "sensors__odometry__bias_sd": 0.1,
         "sensors__odometry__gaps": {"share": 0.3}, "sensors__odometry__phase": "random",
     }  # fmt: skip
-    right = exact(scenario(sensors__odometry__phase="random")).odometry
-    assert_same(exact(scenario(**wrong)).odometry, right)
+    right = simulate_exact(scenario(sensors__odometry__phase="random")).odometry
+    assert_same(simulate_exact(scenario(**wrong)).odometry, right)
     assert set(right["R3"].sigma_v) == {0.2}
 
 

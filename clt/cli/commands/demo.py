@@ -8,10 +8,10 @@ from typing import Annotated
 
 import typer
 
-from clt.cli.options import Force, Json, Quiet, Verbose
+from clt.cli.options import ForceOption, JsonOption, QuietOption, VerboseOption
 
-SCENARIO, SEED, SECONDS = "shi-sim", 1, 60.0
-Step = tuple[list[str], Callable[[], int]]
+DEMO_SCENARIO, DEMO_SEED, DEMO_DURATION_S = "shi-sim", 1, 60.0
+DemoStep = tuple[list[str], Callable[[], int]]
 """A command as the words that a user would type, and the call that does it."""
 
 
@@ -19,10 +19,10 @@ def demo(
     directory: Annotated[
         Path, typer.Argument(metavar="DIR", help="Where the files go; made if it is missing.")
     ] = Path("clt-demo"),
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
 ) -> int:
     """Simulate, localize, evaluate and plot, and say where each file went.
 
@@ -35,16 +35,16 @@ def demo(
     import shlex
     from contextlib import nullcontext, redirect_stdout
 
-    from clt.cli.provenance import as_command
-    from clt.log.output import check
+    from clt.cli.provenance import record_as_command
+    from clt.log.output import check_output
 
     log, result, picture = files = tuple(
-        directory / name for name in (f"{SCENARIO}.mcap", "result.mcap", "result.png")
+        directory / name for name in (f"{DEMO_SCENARIO}.mcap", "result.mcap", "result.png")
     )
     directory.mkdir(parents=True, exist_ok=True)
     for path in files:
-        check(path, force)
-    commands = steps(log, result, picture, as_json=as_json, quiet=quiet, verbose=verbose)
+        check_output(path, force)
+    commands = demo_steps(log, result, picture, as_json=as_json, quiet=quiet, verbose=verbose)
     lines = [shlex.join(["clt", *words]) for words, _ in commands]
     captured = io.StringIO()
     codes = []
@@ -52,7 +52,7 @@ def demo(
         for line, (words, step) in zip(lines, commands, strict=True):
             if not as_json:
                 print(f"\n$ {line}", flush=True)
-            with as_command(words):
+            with record_as_command(words):
                 codes.append(step())
     if as_json:
         paths = {"log": str(log), "result": str(result), "picture": str(picture)}
@@ -63,21 +63,26 @@ def demo(
     return max(codes)
 
 
-def steps(
+def demo_steps(
     log: Path, result: Path, picture: Path, *, as_json: bool, quiet: bool, verbose: bool
-) -> list[Step]:
+) -> list[DemoStep]:
     """The commands of the demo; only `evaluate` writes to standard output."""
     from clt.cli.commands.evaluate import evaluate
     from clt.cli.commands.localize import localize
     from clt.cli.commands.plot import plot
     from clt.cli.commands.simulate import simulate
 
-    length = ["--seed", str(SEED), "--duration", f"{SECONDS:g}"]
+    length = ["--seed", str(DEMO_SEED), "--duration", f"{DEMO_DURATION_S:g}"]
     return [
         (
-            ["simulate", SCENARIO, *length, "-o", str(log)],
+            ["simulate", DEMO_SCENARIO, *length, "-o", str(log)],
             lambda: simulate(
-                SCENARIO, log, seed=SEED, duration=SECONDS, force=True, quiet=not verbose
+                DEMO_SCENARIO,
+                log,
+                seed=DEMO_SEED,
+                duration=DEMO_DURATION_S,
+                force=True,
+                quiet=not verbose,
             ),
         ),
         (

@@ -7,8 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from clt.cli.options import Force, Json, Quiet, Report, Streams, Verbose
-from clt.cli.period import ALWAYS, From, Period, To
+from clt.cli.options import (
+    ForceOption,
+    JsonOption,
+    QuietOption,
+    ReportOption,
+    StreamsOption,
+    VerboseOption,
+)
+from clt.cli.period import WHOLE_LOG, FromOption, Period, ToOption
 
 if TYPE_CHECKING:
     from clt.cli.console import Console
@@ -16,9 +23,9 @@ if TYPE_CHECKING:
     from clt.core.recording import Recording
     from clt.metrics.evaluation import EvaluateOptions, Evaluation
 
-WANTED = frozenset({"truth", "estimate", "dead_reckoning", "innovations"})
+EVALUATE_ROLES = frozenset({"truth", "estimate", "dead_reckoning", "innovations"})
 
-Alignment = Annotated[
+AlignOption = Annotated[
     Literal["none", "first", "anchors", "se2", "se2-per-robot"] | None,
     typer.Option(
         help="Fit of the whole team to the truth; by default none where frames agree, else "
@@ -26,16 +33,16 @@ Alignment = Annotated[
         show_default=False,
     ),
 ]
-Logs = Annotated[
+LogsArgument = Annotated[
     list[Path], typer.Argument(help="MCAP logs; `-` is standard input.", metavar="LOG...")
 ]
-LONGEST = 1e9
+MAX_OPTION_VALUE = 1e9
 """Of a time or a way in options, s or m: beyond every log, and it still counts in nanoseconds."""
 
 
 def evaluate(
-    logs: Logs,
-    align: Alignment = None,
+    logs: LogsArgument,
+    align: AlignOption = None,
     associate: Annotated[
         Literal["interpolate", "nearest"],
         typer.Option(help="Interpolate the estimate at each truth stamp, or pair near stamps."),
@@ -49,14 +56,14 @@ def evaluate(
     delta: Annotated[
         str, typer.Option(metavar="1s|1m", help="Time or way that the relative error spans.")
     ] = "1s",
-    output: Report = None,
-    streams: Streams = None,
-    since: From = None,
-    until: To = None,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    output: ReportOption = None,
+    streams: StreamsOption = None,
+    since: FromOption = None,
+    until: ToOption = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
 ) -> int:
     """Score estimates against the truth, dead reckoning beside them.
 
@@ -68,20 +75,20 @@ def evaluate(
     """
     import json
 
-    from clt.cli.console import FAILED, Console
+    from clt.cli.console import EXIT_FAILED, Console
     from clt.cli.inputs import Inputs
     from clt.cli.numbers import without_nan
-    from clt.cli.period import period_of
-    from clt.cli.reports.evaluate_report import board, show, summary
+    from clt.cli.period import parse_period
+    from clt.cli.reports.evaluate_report import print_evaluation, print_team_table, table_console
     from clt.core.errors import CltError, UsageError
     from clt.metrics.errors import parse_delta
     from clt.metrics.evaluation import EvaluateOptions
 
     for option, value in (("--max-gap", max_gap), ("--max-diff", max_diff)):
-        if not 0.0 <= value <= LONGEST:
-            raise UsageError(f"{option} {value:g}: give seconds, from 0 to {LONGEST:g}")
+        if not 0.0 <= value <= MAX_OPTION_VALUE:
+            raise UsageError(f"{option} {value:g}: give seconds, from 0 to {MAX_OPTION_VALUE:g}")
     options = EvaluateOptions(align, associate, max_gap, max_diff, parse_delta(delta))
-    period = period_of(since, until)
+    period = parse_period(since, until)
     if [str(log) for log in logs].count("-") > 1:
         raise UsageError("standard input can be read only once: give `-` once")
     console = Console(quiet, verbose)
@@ -90,54 +97,54 @@ def evaluate(
     found: dict[str, Evaluation] = {}
     objects: list[dict[str, object]] = []
     with inputs.report(output, force) as file:
-        out = board(file)
+        out = table_console(file)
         for log in logs:
             try:
-                _, evaluation = score(log, inputs["streams"], options, console, period)
+                _, evaluation = evaluate_log(log, inputs["streams"], options, console, period)
             except (CltError, OSError) as error:
                 if len(logs) == 1 or isinstance(error, UsageError):
                     raise
                 text = error.strerror if isinstance(error, OSError) else None
-                text = named(log, text or str(error))
+                text = with_log_name(log, text or str(error))
                 objects.append({"log": str(log), "error": text})
                 console.warn(text, partial=True)
                 continue
             found[str(log)] = evaluation
             objects.append(evaluation.as_dict(str(log)))
             if not as_json and (verbose or len(logs) == 1):
-                show(out, str(log), evaluation)
+                print_evaluation(out, str(log), evaluation)
         if as_json:
             document = objects[0] if len(logs) == 1 else objects
             print(json.dumps(without_nan(document), allow_nan=False, indent=1), file=file)
         elif len(logs) > 1 and len(found) > 0:
-            summary(out, found)
-    return FAILED if len(found) < len(objects) else console.code
+            print_team_table(out, found)
+    return EXIT_FAILED if len(found) < len(objects) else console.code
 
 
-def score(
+def evaluate_log(
     log: Path,
     streams: Document | None,
     options: EvaluateOptions,
     console: Console,
-    period: Period = ALWAYS,
+    period: Period = WHOLE_LOG,
 ) -> tuple[Recording, Evaluation]:
     """Read and evaluate a period of one log, and say what is wrong with it. Errors name the log."""
-    from clt.cli.period import within
+    from clt.cli.period import cut_to_period
     from clt.core.errors import CltError
     from clt.log.recording.load import load
     from clt.metrics.evaluate import evaluate as compare
 
-    recording = within(load(log, streams, WANTED), period)
+    recording = cut_to_period(load(log, streams, EVALUATE_ROLES), period)
     console.report(recording.faults)
     try:
         evaluation = compare(recording, options)
     except CltError as error:
-        raise type(error)(named(log, str(error))) from None
+        raise type(error)(with_log_name(log, str(error))) from None
     for warned in evaluation.warnings:
-        console.warn(named(log, warned.text), partial=warned.partial)
+        console.warn(with_log_name(log, warned.text), partial=warned.partial)
     return recording, evaluation
 
 
-def named(log: Path, text: str) -> str:
+def with_log_name(log: Path, text: str) -> str:
     """A line that begins with the log it is about."""
     return text if text.startswith(str(log)) else f"{log}: {text}"

@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from clt.cli.options import Force, Json, Output, Quiet, Verbose
+from clt.cli.options import ForceOption, JsonOption, OutputOption, QuietOption, VerboseOption
 
 if TYPE_CHECKING:
     from clt.cli.console import Console
     from clt.core.recording import Recording
 
 
-def show_formats(wanted: bool) -> None:
+def print_formats(wanted: bool) -> None:
     """`clt import --list`."""
     if wanted:
-        from clt.importers import FORMATS
+        from clt.importers import IMPORT_FORMATS
 
-        for name, form in FORMATS.items():
+        for name, form in IMPORT_FORMATS.items():
             typer.echo(f"{name:13}{form.about}")
         raise typer.Exit
 
@@ -27,16 +27,16 @@ def show_formats(wanted: bool) -> None:
 def import_log(
     form: Annotated[str, typer.Argument(metavar="FORMAT", help="See --list.")],
     paths: Annotated[list[Path], typer.Argument(metavar="PATH...", help="What to import.")],
-    output: Output,
+    output: OutputOption,
     calibration: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Calibration (TOML) to apply.")
     ] = None,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
     _list: Annotated[
-        bool, typer.Option("--list", callback=show_formats, is_eager=True, help="List formats.")
+        bool, typer.Option("--list", callback=print_formats, is_eager=True, help="List formats.")
     ] = False,
 ) -> int:
     """Turn a data set of another format into a log.
@@ -45,42 +45,44 @@ def import_log(
       clt import --list
       clt import thu range_only_CL/20190418 -o thu.mcap --calibration calibration.toml
     """
-    from clt.calibration.apply import KEY, apply, read_calibration
+    from clt.calibration.apply import KEY, apply_calibration, read_calibration
     from clt.cli.console import Console
     from clt.cli.inputs import Inputs
-    from clt.cli.provenance import digests, run_record
+    from clt.cli.provenance import file_digests, run_record
     from clt.core.errors import UsageError
-    from clt.core.settings import nearest
-    from clt.importers import FORMATS
+    from clt.core.settings import did_you_mean
+    from clt.importers import IMPORT_FORMATS
     from clt.log.output import STDOUT
     from clt.log.recording.save import save
 
     console = Console(quiet, verbose)
-    if form not in FORMATS:
-        raise UsageError(f"unknown format `{form}`{nearest(form, FORMATS)}; see clt import --list")
+    if form not in IMPORT_FORMATS:
+        raise UsageError(
+            f"unknown format `{form}`{did_you_mean(form, IMPORT_FORMATS)}; see clt import --list"
+        )
     if len(paths) > 1:
         raise UsageError(f"clt import {form} takes one PATH, not {len(paths)}")
     if as_json and output == STDOUT:
         raise UsageError("--json and -o - both want standard output; name a file")
-    files = FORMATS[form].files(paths[0])
+    files = IMPORT_FORMATS[form].files(paths[0])
     inputs = Inputs.of(*files, calibration=calibration)
     inputs.check(output, force)
     document = inputs["calibration"]
     settings = None if document is None else read_calibration(document)
-    recording = FORMATS[form].read(paths[0])
+    recording = IMPORT_FORMATS[form].read(paths[0])
     console.report(recording.faults)
     if settings is not None:
-        recording = apply(recording, settings)
-    used = inputs.digests(digests(files))
+        recording = apply_calibration(recording, settings)
+    used = inputs.digests(file_digests(files))
     # No timings: the same input gives the same bytes.
     run = run_record(used, format=form, warnings=console.warnings)
     with inputs.output(output, force) as file:
         save(file, inputs.attach(recording), {**run, **recording.run})
-    tell(console, recording, output, as_json, form, applied=KEY in recording.run)
+    print_import_summary(console, recording, output, as_json, form, applied=KEY in recording.run)
     return console.code
 
 
-def tell(
+def print_import_summary(
     console: Console, recording: Recording, log: Path, as_json: bool, form: str, *, applied: bool
 ) -> None:
     """What is in the log now: one object on stdout, or a few words on stderr."""

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from clt.cli.options import Force, Json, Log, Quiet, Report, Streams, Verbose
+from clt.cli.options import (
+    ForceOption,
+    JsonOption,
+    LogArgument,
+    QuietOption,
+    ReportOption,
+    StreamsOption,
+    VerboseOption,
+)
 
 
 def info(
-    log: Log,
-    output: Report = None,
-    streams: Streams = None,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    log: LogArgument,
+    output: ReportOption = None,
+    streams: StreamsOption = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
 ) -> int:
     """Tell robots, pairs, rates, gaps, truth and faults of a log.
 
@@ -25,10 +33,10 @@ def info(
     from clt.cli.console import Console
     from clt.cli.inputs import Inputs
     from clt.cli.memory import return_freed_memory
-    from clt.cli.reports.info_report import show
-    from clt.cli.reports.topics import described, guesses
+    from clt.cli.reports.info_report import print_info
+    from clt.cli.reports.topics import guesses_by_topic, topic_dicts
     from clt.log.recording.load import load
-    from clt.log.recording.summary import as_dict, summarize
+    from clt.log.recording.summary import info_dict, summarize_recording
 
     return_freed_memory()
     console = Console(quiet, verbose)
@@ -36,13 +44,13 @@ def info(
     inputs.check(output, force)
     loaded = load(log, inputs["streams"], brief=True)
     console.detail(f"SHA-256 {loaded.sha256}")
-    summary = summarize(loaded.recording)
+    summary = summarize_recording(loaded.recording)
     with inputs.report(output, force) as file:
         if as_json:
-            document = as_dict(loaded, summary)
-            document["topics"] = described(loaded.topics, loaded.used, guesses(loaded))
+            document = info_dict(loaded, summary)
+            document["topics"] = topic_dicts(loaded.topics, loaded.used, guesses_by_topic(loaded))
             print(json.dumps(document, allow_nan=False, indent=1), file=file)
         else:
-            show(loaded, summary, file)
+            print_info(loaded, summary, file)
     console.report(loaded.recording.faults)
     return console.code

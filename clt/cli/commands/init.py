@@ -7,28 +7,35 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from clt.cli.options import Force, Json, Log, Quiet, Set, Verbose
-from clt.cli.period import From, To
+from clt.cli.options import (
+    ForceOption,
+    JsonOption,
+    LogArgument,
+    QuietOption,
+    SetOption,
+    VerboseOption,
+)
+from clt.cli.period import FromOption, ToOption
 
 if TYPE_CHECKING:
     from clt.core.recording import Floats
     from clt.initialization.status import Initialization, RobotStatus
 
-HEADER = """\
+POSES_FILE_HEADER = """\
 # Initial poses by `clt init --method {method}`, for `clt localize --init FILE` on the same log.
 # x, y, sigma[0], sigma[1] in m, heading, sigma[2] in rad.
 """
-UNSURE = """\
+UNCERTAIN_POSE_COMMENT = """\
 # {name} is {status}: {why}. One pose stands here; `--init {method}` would follow all.
 """
-WIDENED = """\
+WIDENED_SIGMA_COMMENT = """\
 # sigma is {factor:g} times the standard deviation that `clt init` prints: the filter will see the
 # same ranges again, and would otherwise count what they tell twice.
 """
 
 
 def init(
-    log: Log,
+    log: LogArgument,
     method: Annotated[
         str,
         typer.Option(
@@ -44,19 +51,19 @@ def init(
     config: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Settings (TOML), the keys of --set.")
     ] = None,
-    sets: Set = [],  # noqa: B006 - typer copies it
+    sets: SetOption = [],  # noqa: B006 - typer copies it
     calibration: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Calibration (TOML) to apply first.")
     ] = None,
     streams: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Roles of a foreign log's topics (TOML).")
     ] = None,
-    since: From = None,
-    until: To = None,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    since: FromOption = None,
+    until: ToOption = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
 ) -> int:
     """Find the initial pose of every robot, or say why it cannot be told yet.
 
@@ -66,49 +73,55 @@ def init(
     """
     import json
 
-    from clt.cli.commands.localize import WANTED, choose, read_settings, require_data, with_ranges
+    from clt.cli.commands.localize import (
+        LOCALIZE_ROLES,
+        check_choice,
+        read_filter_settings,
+        require_data,
+        with_ranges,
+    )
     from clt.cli.console import Console
     from clt.cli.inputs import Inputs
-    from clt.cli.options import METHODS
-    from clt.cli.period import period_of, usable
+    from clt.cli.options import INIT_METHODS
+    from clt.cli.period import parse_period, select_usable_part
     from clt.core.errors import UsageError
     from clt.log.output import STDOUT
 
     console = Console(quiet, verbose)
-    choose("--method", method, METHODS)
+    check_choice("--method", method, INIT_METHODS)
     if as_json and output == STDOUT:
         raise UsageError("--json and -o - both want standard output; name a file")
-    period = period_of(since, until)
+    period = parse_period(since, until)
     inputs = Inputs.of(log, config=config, calibration=calibration, streams=streams)
     inputs.check(output, force)
-    settings = read_settings(inputs["config"], sets)
+    settings = read_filter_settings(inputs["config"], sets)
 
     # Slow to import: what stands above is refused at once.
-    from clt.calibration.apply import apply, read_calibration
-    from clt.cli.initial import find
+    from clt.calibration.apply import apply_calibration, read_calibration
+    from clt.cli.initial import find_initial_poses
     from clt.log.recording.load import load
 
-    loaded = load(log, inputs["streams"], WANTED)
-    recording = with_ranges(usable(loaded, period, console), console)
+    loaded = load(log, inputs["streams"], LOCALIZE_ROLES)
+    recording = with_ranges(select_usable_part(loaded, period, console), console)
     if (given := inputs["calibration"]) is not None:
-        recording = apply(recording, read_calibration(given))
+        recording = apply_calibration(recording, read_calibration(given))
     team = recording.team
     standing = len(team.moving) == 0 and len(team.static) > 0
     require_data(recording, str(log), standing=standing)
-    used, found = find(recording, method, settings, console)
+    used, found = find_initial_poses(recording, method, settings, console)
     if used == "motion" and len(recording.team.static) < 2:
         console.say("relative poses need no static robots: clt init --method pairwise")
     if output is not None:
         with inputs.output(output, force) as file:
             file.write(poses_toml(used, found, {robot.name for robot in team.static}).encode())
     if as_json:
-        print(json.dumps(document(used, found), allow_nan=False))
+        print(json.dumps(init_document(used, found), allow_nan=False))
     elif output != STDOUT:
-        show(found)
+        print_initial_poses(found)
     return console.code
 
 
-def document(method: str, found: Initialization) -> dict[str, Any]:
+def init_document(method: str, found: Initialization) -> dict[str, Any]:
     """The object that `clt init --json` prints; null where not even a guess is possible."""
     robots = {}
     for name, robot in found.robots.items():
@@ -142,33 +155,35 @@ def document(method: str, found: Initialization) -> dict[str, Any]:
     }
 
 
-def show(found: Initialization) -> None:
+def print_initial_poses(found: Initialization) -> None:
     """A line per robot on standard output, and one per alternative of those that are not ok."""
     print(f"{'robot':<8} {'x, m':>9} {'y, m':>9} {'heading':>10}  sigma (m, m, deg)    status")
     for name, robot in found.robots.items():
-        print(f"{name:<8} {numbers(robot)}  {robot.status}")
+        print(f"{name:<8} {pose_and_sigma_columns(robot)}  {robot.status}")
         if robot.status != "ok":
             for other in robot.alternatives:
-                print(f"{'  or':<8} {columns(other.mean)}  probability {other.probability:.3f}")
+                print(
+                    f"{'  or':<8} {pose_columns(other.mean)}  probability {other.probability:.3f}"
+                )
 
 
-def numbers(robot: RobotStatus) -> str:
+def pose_and_sigma_columns(robot: RobotStatus) -> str:
     """Pose and standard deviations of one robot, in columns."""
     from math import degrees
 
-    from clt.core.geometry import unknown_heading
+    from clt.core.geometry import is_heading_unknown
 
     if robot.pose is None:
         return f"{'-':>9} {'-':>9} {'-':>10}  {'-':<19}"
     s_x, s_y, s_heading = (float(v) for v in robot.pose.covariance.diagonal().clip(0.0) ** 0.5)
-    if unknown_heading(robot.pose.covariance[2, 2]):
+    if is_heading_unknown(robot.pose.covariance[2, 2]):
         x, y = (float(value) for value in robot.pose.mean[:2])
         return f"{x:9.3f} {y:9.3f} {'-':>10}  {f'{s_x:.3f}, {s_y:.3f}, -':<19}"
     sigma = f"{s_x:.3f}, {s_y:.3f}, {degrees(s_heading):.2f}"
-    return f"{columns(robot.pose.mean)}  {sigma:<19}"
+    return f"{pose_columns(robot.pose.mean)}  {sigma:<19}"
 
 
-def columns(pose: Floats) -> str:
+def pose_columns(pose: Floats) -> str:
     """x, y and heading of a pose (3,)."""
     from math import degrees
 
@@ -183,19 +198,19 @@ def poses_toml(method: str, found: Initialization, still: set[str]) -> str:
     """
     import tomli_w
 
-    from clt.core.geometry import unknown_heading
+    from clt.core.geometry import is_heading_unknown
 
     tables: dict[str, dict[str, Any]] = {}
     for name, pose in found.start.poses.items():
         x, y, heading = (float(value) for value in pose.mean)
         sigma = [float(value) for value in pose.covariance.diagonal().clip(0.0) ** 0.5]
-        unknown = name in still and unknown_heading(pose.covariance[2, 2])
+        unknown = name in still and is_heading_unknown(pose.covariance[2, 2])
         told = {} if unknown else {"heading": heading}
         tables[name] = {"x": x, "y": y, **told, "sigma": sigma}
-    widened = WIDENED.format(factor=found.again) if found.again != 1.0 else ""
+    widened = WIDENED_SIGMA_COMMENT.format(factor=found.again) if found.again != 1.0 else ""
     unsure = "".join(
-        UNSURE.format(name=name, status=robot.status, why=robot.why, method=method)
+        UNCERTAIN_POSE_COMMENT.format(name=name, status=robot.status, why=robot.why, method=method)
         for name, robot in found.robots.items()
         if robot.status != "ok" and name in tables
     )
-    return HEADER.format(method=method) + widened + unsure + tomli_w.dumps(tables)
+    return POSES_FILE_HEADER.format(method=method) + widened + unsure + tomli_w.dumps(tables)

@@ -7,8 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from clt.cli.options import Force, Json, Log, Output, Quiet, Set, Verbose
-from clt.cli.period import From, To
+from clt.cli.options import (
+    ForceOption,
+    JsonOption,
+    LogArgument,
+    OutputOption,
+    QuietOption,
+    SetOption,
+    VerboseOption,
+)
+from clt.cli.period import FromOption, ToOption
 
 if TYPE_CHECKING:
     from clt.cli.console import Console
@@ -16,16 +24,16 @@ if TYPE_CHECKING:
     from clt.core.recording import Communication, Recording
     from clt.core.start import Start
     from clt.estimation.estimators import Estimator
-    from clt.estimation.pipeline import Result
-    from clt.model.choices import View
+    from clt.estimation.pipeline import EstimationResult
+    from clt.model.choices import FrameSpec
     from clt.model.settings import FilterSettings
 
-WANTED = frozenset({"odometry", "ranges", "frames", "truth"})
+LOCALIZE_ROLES = frozenset({"odometry", "ranges", "frames", "truth"})
 
 
 def localize(
-    log: Log,
-    output: Output,
+    log: LogArgument,
+    output: OutputOption,
     filter_: Annotated[
         str | None,
         typer.Option(
@@ -59,7 +67,7 @@ def localize(
     config: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Settings (TOML), the keys of --set.")
     ] = None,
-    sets: Set = [],  # noqa: B006 - typer copies it
+    sets: SetOption = [],  # noqa: B006 - typer copies it
     calibration: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Calibration (TOML) to apply first.")
     ] = None,
@@ -73,12 +81,12 @@ def localize(
         ),
     ] = False,
     scene: Annotated[bool, typer.Option(help="Add /tf and /clt/scene for 3D viewers.")] = True,
-    since: From = None,
-    until: To = None,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    since: FromOption = None,
+    until: ToOption = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
 ) -> int:
     """Estimate where every robot is, and how sure that is, from its ranges and odometry.
 
@@ -91,44 +99,44 @@ def localize(
 
     from clt.cli.console import Console
     from clt.cli.inputs import Inputs
-    from clt.cli.period import period_of, usable
+    from clt.cli.period import parse_period, select_usable_part
     from clt.core.errors import UsageError
     from clt.log.output import STDOUT
 
     console = Console(quiet, verbose)
-    chosen, view = chosen_of(filter_, frame, engine)
+    chosen, view = choose_filter_and_frame(filter_, frame, engine)
     if as_json and output == STDOUT:
         raise UsageError("--json and -o - both want standard output; name a file")
-    period = period_of(since, until)
+    period = parse_period(since, until)
     poses = poses_file(init)
     inputs = Inputs.of(log, config=config, calibration=calibration, streams=streams, poses=poses)
     inputs.check(output, force)
-    settings = read_settings(inputs["config"], sets)
+    settings = read_filter_settings(inputs["config"], sets)
 
     # Slow to import: what stands above is refused at once.
-    from clt.calibration.apply import apply, read_calibration
-    from clt.cli.initial import start_for
-    from clt.cli.reports.localize_report import describe, tell
-    from clt.estimation.estimators import KEEP_ALL, Estimator
+    from clt.calibration.apply import apply_calibration, read_calibration
+    from clt.cli.initial import find_start
+    from clt.cli.reports.localize_report import localize_record, print_localize_summary
+    from clt.estimation.estimators import MULTI_HYPOTHESIS_FILTERS, Estimator
     from clt.log.recording.load import load
     from clt.log.recording.save import save
-    from clt.model.problem import require_robots
+    from clt.model.problem import require_frame_robots
     from clt.observability.advice import advise
 
     estimator = Estimator(chosen, view, engine)
     clock = [perf_counter()]
-    loaded = load(log, inputs["streams"], WANTED)
-    recording = usable(loaded, period, console)
-    settings = read_settings(inputs["config"], sets, recording.team.communication)
+    loaded = load(log, inputs["streams"], LOCALIZE_ROLES)
+    recording = select_usable_part(loaded, period, console)
+    settings = read_filter_settings(inputs["config"], sets, recording.team.communication)
     recording = with_ranges(recording, console)
     if (document := inputs["calibration"]) is not None:
-        recording = apply(recording, read_calibration(document))
+        recording = apply_calibration(recording, read_calibration(document))
     require_data(recording, str(log))
-    require_robots(estimator.view, recording.team.names)
+    require_frame_robots(estimator.view, recording.team.names)
     clock.append(perf_counter())
     ego = next(iter(estimator.view.names), None)
-    kept = estimator.filter in KEEP_ALL
-    start = start_for(recording, inputs["poses"] or init, settings, console, ego, kept=kept)
+    kept = estimator.filter in MULTI_HYPOTHESIS_FILTERS
+    start = find_start(recording, inputs["poses"] or init, settings, console, ego, kept=kept)
     for line in advise(recording, start.poses, frame):
         console.warn(line)
     clock.append(perf_counter())
@@ -144,73 +152,81 @@ def localize(
     choices = {"filter": estimator.filter, "frame": frame, "engine": engine, "init": init}
     choices["order"] = "as received" if as_received else "by stamp"
     digests = inputs.digests({str(log): loaded.sha256})
-    run = describe(digests, choices, settings, result, timings, console)
+    run = localize_record(digests, choices, settings, result, timings, console)
     with inputs.output(output, force) as file:
         save(file, inputs.attach(result.recording), run, scene=scene)
-    tell(console, result, output, choices, timings, as_json)
+    print_localize_summary(console, result, output, choices, timings, as_json)
     return console.code
 
 
-def chosen_of(filter_: str | None, frame: str, engine: str) -> tuple[str, View]:
+def choose_filter_and_frame(filter_: str | None, frame: str, engine: str) -> tuple[str, FrameSpec]:
     """The filter and the frame that options choose. Raises UsageError for what does not exist."""
     from clt.core.errors import UsageError
-    from clt.model.choices import ENGINES, NAMES, THROUGH_FILTERPY, parse_view
+    from clt.model.choices import ENGINES, FILTER_NAMES, FILTERPY_FILTER_NAMES, parse_frame_spec
 
-    view = parse_view(frame)
+    view = parse_frame_spec(frame)
     chosen = filter_ or ("eskf" if view.kind == "world" else "mixture")
-    choose("--filter", chosen, NAMES)
-    choose("--engine", engine, ENGINES)
+    check_choice("--filter", chosen, FILTER_NAMES)
+    check_choice("--engine", engine, ENGINES)
     if chosen == "dpf" and view.kind == "world":
         raise UsageError("--filter dpf estimates relative poses: use --frame ego:NAME")
-    if engine == "filterpy" and chosen not in THROUGH_FILTERPY:
-        has = ", ".join(THROUGH_FILTERPY)
+    if engine == "filterpy" and chosen not in FILTERPY_FILTER_NAMES:
+        has = ", ".join(FILTERPY_FILTER_NAMES)
         raise UsageError(f"--engine filterpy has no {chosen}; it has {has}")
     return chosen, view
 
 
-def choose(option: str, value: str, known: tuple[str, ...]) -> None:
+def check_choice(option: str, value: str, known: tuple[str, ...]) -> None:
     """Refuse a value that an option does not have. Raises UsageError naming the nearest."""
     from clt.core.errors import UsageError
-    from clt.core.settings import nearest
+    from clt.core.settings import did_you_mean
 
     if value not in known:
-        raise UsageError(f"{option} {value}: unknown{nearest(value, known)}")
+        raise UsageError(f"{option} {value}: unknown{did_you_mean(value, known)}")
 
 
 def poses_file(init: str) -> Path | None:
     """The file that `--init` names. Raises UsageError where it is neither that nor a method."""
-    from clt.cli.options import METHODS
+    from clt.cli.options import INIT_METHODS
     from clt.core.errors import UsageError
-    from clt.core.settings import nearest
+    from clt.core.settings import did_you_mean
 
-    if init in METHODS:
+    if init in INIT_METHODS:
         return None
     if not Path(init).exists():
-        raise UsageError(f"--init {init}: no such method or file{nearest(init, METHODS)}")
+        raise UsageError(f"--init {init}: no such method or file{did_you_mean(init, INIT_METHODS)}")
     return Path(init)
 
 
-def read_settings(
+def read_filter_settings(
     config: Path | Document | None, sets: list[str], told: Communication | None = None
 ) -> FilterSettings:
     """Settings by precedence: defaults < what the log has told < file < environment < --set."""
-    from clt.core.settings import assign, assignments, from_environment, parse, read_toml
+    from clt.core.settings import (
+        parse_assignments,
+        parse_settings,
+        read_toml,
+        set_dotted_key,
+        settings_from_environment,
+    )
     from clt.model.settings import FilterSettings
 
     tree = {} if config is None else read_toml(config)
-    tree = parse(FilterSettings, tree, str(config)).model_dump(exclude_unset=True)
+    tree = parse_settings(FilterSettings, tree, str(config)).model_dump(exclude_unset=True)
     if told is not None:
-        tree["dpf"] = network_of(told) | tree.get("dpf", {})
-        tree = parse(FilterSettings, tree, "the log's clt.team").model_dump(exclude_unset=True)
-    for key, value in from_environment(FilterSettings).items():
-        assign(tree, key, value)
-    tree = parse(FilterSettings, tree, "environment").model_dump(exclude_unset=True)
-    for key, value in assignments(sets).items():
-        assign(tree, key, value)
-    return parse(FilterSettings, tree, "--set")
+        tree["dpf"] = network_settings(told) | tree.get("dpf", {})
+        tree = parse_settings(FilterSettings, tree, "the log's clt.team").model_dump(
+            exclude_unset=True
+        )
+    for key, value in settings_from_environment(FilterSettings).items():
+        set_dotted_key(tree, key, value)
+    tree = parse_settings(FilterSettings, tree, "environment").model_dump(exclude_unset=True)
+    for key, value in parse_assignments(sets).items():
+        set_dotted_key(tree, key, value)
+    return parse_settings(FilterSettings, tree, "--set")
 
 
-def network_of(told: Communication) -> dict[str, object]:
+def network_settings(told: Communication) -> dict[str, object]:
     """What a log tells of the network among its robots as keys of `dpf`."""
     network: dict[str, object] = {
         "graph": told.graph,
@@ -225,9 +241,9 @@ def with_ranges(recording: Recording, console: Console) -> Recording:
     """The recording; a log of raw packets is ranged first, as `clt range` does."""
     if recording.ranges.stamp.size > 0 or recording.frames.stamp.size == 0:
         return recording
-    from clt.cli.reports.ranging_report import ranged
+    from clt.cli.reports.ranging_report import recover_ranges
 
-    return ranged(recording, console)
+    return recover_ranges(recording, console)
 
 
 def require_data(recording: Recording, log: str, *, standing: bool = False) -> None:
@@ -258,13 +274,13 @@ def run_filter(
     estimator: Estimator,
     as_received: bool,
     console: Console,
-) -> Result:
+) -> EstimationResult:
     """Filter, and say what went wrong."""
-    from clt.cli.compiling import announced
+    from clt.cli.compiling import announce_compilation
     from clt.core.errors import CltError
     from clt.estimation.pipeline import estimate
 
-    with announced(console):
+    with announce_compilation(console):
         result = estimate(recording, start, settings, estimator, as_received=as_received)
     for line in result.posterior.remarks:
         console.say(line)

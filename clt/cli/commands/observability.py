@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from clt.cli.options import Force, Json, Quiet, Set, Verbose
-from clt.cli.period import From, To
+from clt.cli.options import ForceOption, JsonOption, QuietOption, SetOption, VerboseOption
+from clt.cli.period import FromOption, ToOption
 
 if TYPE_CHECKING:
     from clt.cli.console import Console
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from clt.core.recording import Recording
     from clt.model.settings import FilterSettings
     from clt.observability.exact.setup import Setup
-    from clt.observability.windows.windows import Windows
+    from clt.observability.windows.windows import WindowAnalysis
 
-FORMS = (".png", ".svg", ".pdf")
-MOST = 200
-WANTED = frozenset(
+WINDOWS_PICTURE_SUFFIXES = (".png", ".svg", ".pdf")
+MAX_ROBOTS_OF_A_KIND = 200
+OBSERVABILITY_ROLES = frozenset(
     {"odometry", "ranges", "frames", "truth", "estimate", "dead_reckoning", "innovations"}
 )
 
@@ -32,14 +32,21 @@ def observability(
         typer.Argument(help="An MCAP log, or none; `-` is standard input.", metavar="[LOG]"),
     ] = None,
     moving: Annotated[
-        int | None, typer.Option(metavar="N", min=0, max=MOST, help="Moving robots R1 .. RN.")
+        int | None,
+        typer.Option(metavar="N", min=0, max=MAX_ROBOTS_OF_A_KIND, help="Moving robots R1 .. RN."),
     ] = None,
     static: Annotated[
-        int | None, typer.Option(metavar="M", min=0, max=MOST, help="Static robots S1 .. SM.")
+        int | None,
+        typer.Option(metavar="M", min=0, max=MAX_ROBOTS_OF_A_KIND, help="Static robots S1 .. SM."),
     ] = None,
     known: Annotated[
         int | None,
-        typer.Option(metavar="K", min=0, max=MOST, help="So many of them of known position (0)."),
+        typer.Option(
+            metavar="K",
+            min=0,
+            max=MAX_ROBOTS_OF_A_KIND,
+            help="So many of them of known position (0).",
+        ),
     ] = None,
     frame: Annotated[
         str, typer.Option(help="world; ego or ego:NAME: poses in the body frame of one robot.")
@@ -72,13 +79,13 @@ def observability(
         Path | None,
         typer.Option(metavar="FILE", help="Topics of a log that clt did not write (TOML)."),
     ] = None,
-    sets: Set = [],  # noqa: B006 - typer copies it
-    since: From = None,
-    until: To = None,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    sets: SetOption = [],  # noqa: B006 - typer copies it
+    since: FromOption = None,
+    until: ToOption = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
 ) -> int:
     """Tell what cannot be observed, in which direction, and what would change that.
 
@@ -92,7 +99,7 @@ def observability(
     import json
 
     from clt.cli.console import Console
-    from clt.cli.reports.observability_report import show, show_windows
+    from clt.cli.reports.observability_report import print_analysis, print_windows
     from clt.observability.exact.analysis import analyse
 
     console = Console(quiet, verbose)
@@ -106,39 +113,47 @@ def observability(
     told = {"--moving": moving, "--static": static, "--known": known}
     if log is None:
         given = {"-o": output, "--streams": streams, "--set": sets or None}
-        refuse(given | {"--from": since, "--to": until}, "need a LOG")
-        analysis = analyse(described(told, frame, conditions))
+        refuse_options(given | {"--from": since, "--to": until}, "need a LOG")
+        analysis = analyse(setup_from_options(told, frame, conditions))
         if as_json:
             print(json.dumps(analysis.as_dict(), allow_nan=False, indent=1))
         else:
-            show(analysis, verbose=verbose)
+            print_analysis(analysis, verbose=verbose)
         return console.code
-    refuse(told | {name: text or None for name, text in conditions.items()}, "describe no LOG")
+    refuse_options(
+        told | {name: text or None for name, text in conditions.items()}, "describe no LOG"
+    )
     from clt.cli.inputs import Inputs
-    from clt.cli.period import period_of
+    from clt.cli.period import parse_period
 
-    period = period_of(since, until)
+    period = parse_period(since, until)
     inputs = Inputs.of(log, streams=streams)
-    recording = read(log, inputs, output, period, console, force=force)
-    from clt.cli.commands.localize import read_settings
+    recording = read_recording(log, inputs, output, period, console, force=force)
+    from clt.cli.commands.localize import read_filter_settings
     from clt.log.output import STDOUT
     from clt.observability.advice import setup_of
 
-    name = ego_of(frame, [robot.name for robot in recording.team.moving])
+    name = ego_robot(frame, [robot.name for robot in recording.team.moving])
     setup = setup_of(recording, frame="world" if name is None else f"ego:{name}")
     analysis = analyse(setup)
-    found = along(recording, read_settings(None, sets), window, name, setup, console)
+    found = analyse_windows(
+        recording, read_filter_settings(None, sets), window, name, setup, console
+    )
     if output is not None:
-        picture(output, found, inputs, console, force=force, title=str(log))
+        write_windows_picture(output, found, inputs, console, force=force, title=str(log))
     if as_json and output != STDOUT:
-        print(json.dumps(document(log, analysis.as_dict(), found), allow_nan=False, indent=1))
+        print(
+            json.dumps(
+                observability_document(log, analysis.as_dict(), found), allow_nan=False, indent=1
+            )
+        )
     elif output != STDOUT:
-        show(analysis, verbose=verbose)
-        show_windows(found)
+        print_analysis(analysis, verbose=verbose)
+        print_windows(found)
     return console.code
 
 
-def refuse(options: dict[str, object], why: str) -> None:
+def refuse_options(options: dict[str, object], why: str) -> None:
     """Raise UsageError for options that were given where they mean nothing."""
     from clt.core.errors import UsageError
 
@@ -147,27 +162,31 @@ def refuse(options: dict[str, object], why: str) -> None:
         raise UsageError(f"{', '.join(given)}: {why}")
 
 
-def described(told: dict[str, int | None], frame: str, conditions: dict[str, str]) -> Setup:
+def setup_from_options(
+    told: dict[str, int | None], frame: str, conditions: dict[str, str]
+) -> Setup:
     """The setup that the options describe. Raises UsageError naming what is wrong."""
     from dataclasses import replace
 
     from clt.core.errors import UsageError
     from clt.observability.exact.codistribution import Motion
-    from clt.observability.exact.setup import Setup, every_pair, team
+    from clt.observability.exact.setup import Setup, every_pair, setup_robots
 
     if told["--moving"] is None and told["--static"] is None:
         raise UsageError("give a LOG, or a team: --moving N --static M [--known K]")
     moving, static, known = (told[name] or 0 for name in ("--moving", "--static", "--known"))
     if known > static:
         raise UsageError(f"--known {known}: larger than --static {static}")
-    nodes = team(moving, static, known)
+    nodes = setup_robots(moving, static, known)
     everyone = [node.name for node in nodes]
     movers = everyone[:moving]
-    name = ego_of(frame, movers)
+    name = ego_robot(frame, movers)
     if name is not None and known > 0:
         raise UsageError("--known: positions in the world mean nothing in the frame of a robot")
     chosen = {
-        option: named(option, text, movers, everyone[moving:], lines=option == "--in-line")
+        option: robots_named_by_option(
+            option, text, movers, everyone[moving:], lines=option == "--in-line"
+        )
         for option, text in conditions.items()
     }
     for option in ("--parallel", "--in-line"):
@@ -197,7 +216,7 @@ def described(told: dict[str, int | None], frame: str, conditions: dict[str, str
     return setup
 
 
-def named(
+def robots_named_by_option(
     option: str, text: str, moving: list[str], static: list[str], *, lines: bool
 ) -> list[str]:
     """The robots of a list of names, or all; static ones too where `lines` are asked about.
@@ -205,7 +224,7 @@ def named(
     Raises UsageError for a stranger.
     """
     from clt.core.errors import UsageError
-    from clt.core.settings import nearest
+    from clt.core.settings import did_you_mean
 
     known = [*moving, *static] if lines else moving
     if text == "all":
@@ -215,14 +234,14 @@ def named(
         if name not in known and name in static:
             raise UsageError(f"{option} {name}: {name} is static: it stands still anyway")
         if name not in known:
-            raise UsageError(f"{option} {name}: no such robot{nearest(name, known)}")
+            raise UsageError(f"{option} {name}: no such robot{did_you_mean(name, known)}")
     return list(dict.fromkeys(names))
 
 
-def ego_of(frame: str, moving: list[str]) -> str | None:
+def ego_robot(frame: str, moving: list[str]) -> str | None:
     """The robot in whose frame poses are wanted; None for the world."""
     from clt.core.errors import UsageError
-    from clt.core.settings import nearest
+    from clt.core.settings import did_you_mean
 
     kind, colon, name = frame.partition(":")
     if frame == "world":
@@ -232,11 +251,11 @@ def ego_of(frame: str, moving: list[str]) -> str | None:
     if len(moving) == 0:
         raise UsageError(f"--frame {frame}: no robot moves")
     if name not in {"", *moving}:
-        raise UsageError(f"--frame {frame}: no such moving robot{nearest(name, moving)}")
+        raise UsageError(f"--frame {frame}: no such moving robot{did_you_mean(name, moving)}")
     return name or moving[0]
 
 
-def read(
+def read_recording(
     log: Path,
     inputs: Inputs,
     output: Path | None,
@@ -247,60 +266,76 @@ def read(
 ) -> Recording:
     """Read a log once it is clear that its picture can be written."""
     from clt.cli.commands.localize import with_ranges
-    from clt.cli.period import usable
+    from clt.cli.period import select_usable_part
     from clt.core.errors import CltError, UsageError
     from clt.log.output import STDOUT
     from clt.log.recording.load import load
-    from clt.observability.windows.reference import measured
+    from clt.observability.windows.reference import usable_ranges
 
-    if output is not None and output != STDOUT and output.suffix.lower() not in FORMS:
-        raise UsageError(f"{output}: unknown kind of picture; use {', '.join(FORMS)}")
+    if (
+        output is not None
+        and output != STDOUT
+        and output.suffix.lower() not in WINDOWS_PICTURE_SUFFIXES
+    ):
+        raise UsageError(
+            f"{output}: unknown kind of picture; use {', '.join(WINDOWS_PICTURE_SUFFIXES)}"
+        )
     inputs.check(output, force)
-    recording = usable(load(log, inputs["streams"], WANTED), period, console)
+    recording = select_usable_part(
+        load(log, inputs["streams"], OBSERVABILITY_ROLES), period, console
+    )
     recording = with_ranges(recording, console)
-    if measured(recording).stamp.size == 0:
+    if usable_ranges(recording).stamp.size == 0:
         raise CltError(f"{log}: neither ranges nor UWB frames: nothing to analyse")
     return recording
 
 
-def along(
+def analyse_windows(
     recording: Recording,
     settings: FilterSettings,
     window: float,
     ego: str | None,
     setup: Setup,
     console: Console,
-) -> Windows:
+) -> WindowAnalysis:
     """Analyse a recording's windows and say what was assumed."""
-    from clt.cli.compiling import announced
-    from clt.observability.windows.reference import reference_of
-    from clt.observability.windows.windows import STEP, look
+    from clt.cli.compiling import announce_compilation
+    from clt.observability.windows.reference import build_reference
+    from clt.observability.windows.windows import NOISE_STEP_S, evaluate_windows
 
-    reference = reference_of(recording, settings.noise, STEP)
+    reference = build_reference(recording, settings.noise, NOISE_STEP_S)
     for line in reference.notes:
         console.warn(line)
-    with announced(console, ranging=True):
-        return look(reference, window, framed=setup.framed, ego=ego)
+    with announce_compilation(console, ranging=True):
+        return evaluate_windows(reference, window, framed=setup.framed, ego=ego)
 
 
-def picture(
-    output: Path, found: Windows, inputs: Inputs, console: Console, *, force: bool, title: str
+def write_windows_picture(
+    output: Path,
+    found: WindowAnalysis,
+    inputs: Inputs,
+    console: Console,
+    *,
+    force: bool,
+    title: str,
 ) -> None:
     """Draw the windows."""
     from clt.log.output import STDOUT
-    from clt.report.figures.observability import draw
-    from clt.report.figures.style import FORMS as KINDS
+    from clt.report.figures.observability import draw_observability_figure
+    from clt.report.figures.style import IMAGE_FORMATS as KINDS
 
     form = KINDS[".png" if output == STDOUT else output.suffix.lower()]
     with inputs.output(output, force) as file:
-        draw(file, form, found, title)
+        draw_observability_figure(file, form, found, title)
     if output != STDOUT:
         console.say(f"{output}: {found.rank.size} windows")
 
 
-def document(log: Path, analysis: dict[str, object], found: Windows) -> dict[str, object]:
+def observability_document(
+    log: Path, analysis: dict[str, object], found: WindowAnalysis
+) -> dict[str, object]:
     """What `--json` prints of a log."""
-    from clt.observability.windows.windows import as_list
+    from clt.observability.windows.windows import windows_as_list
 
     head: dict[str, object] = {"log": str(log)}
-    return head | analysis | {"source": found.source, "windows": as_list(found)}
+    return head | analysis | {"source": found.source, "windows": windows_as_list(found)}

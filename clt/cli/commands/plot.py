@@ -4,27 +4,35 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from clt.cli.commands.evaluate import Alignment
-from clt.cli.options import Force, Json, Log, Output, Quiet, Streams, Verbose
+from clt.cli.commands.evaluate import AlignOption
+from clt.cli.options import (
+    ForceOption,
+    JsonOption,
+    LogArgument,
+    OutputOption,
+    QuietOption,
+    StreamsOption,
+    VerboseOption,
+)
 
 if TYPE_CHECKING:
     from clt.cli.console import Console
     from clt.core.recording import Recording
-    from clt.metrics.align import Align
+    from clt.metrics.align import AlignMethod
     from clt.metrics.evaluation import Evaluation
 
-FORMS = (".png", ".svg", ".pdf", ".html")
+PLOT_SUFFIXES = (".png", ".svg", ".pdf", ".html")
 
 
 def plot(
-    log: Log,
-    output: Output,
-    align: Alignment = None,
-    streams: Streams = None,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    log: LogArgument,
+    output: OutputOption,
+    align: AlignOption = None,
+    streams: StreamsOption = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
 ) -> int:
     """Draw trajectories, errors with their 3-sigma bounds, and range innovations.
 
@@ -46,8 +54,8 @@ def plot(
     from clt.log.recording.load import load
 
     form = ".png" if output == STDOUT else output.suffix.lower()
-    if form not in FORMS:
-        raise UsageError(f"{output}: unknown kind of picture; use {', '.join(FORMS)}")
+    if form not in PLOT_SUFFIXES:
+        raise UsageError(f"{output}: unknown kind of picture; use {', '.join(PLOT_SUFFIXES)}")
     if as_json and output == STDOUT:
         raise UsageError("--json and -o - both want standard output; name a file")
     console = Console(quiet, verbose)
@@ -55,17 +63,17 @@ def plot(
     inputs.check(output, force)
     recording = load(log, inputs["streams"]).recording
     console.report(recording.faults)
-    evaluation = scored(recording, align, str(log), console)
+    evaluation = evaluate_if_possible(recording, align, str(log), console)
     with inputs.output(output, force) as file:
         if form == ".html":
-            from clt.report.figures.page import page
+            from clt.report.figures.page import html_page
 
-            file.write(page(str(log), recording, evaluation).encode())
+            file.write(html_page(str(log), recording, evaluation).encode())
         else:
-            from clt.report.figures.figure import draw
-            from clt.report.figures.style import FORMS as KINDS
+            from clt.report.figures.figure import draw_log_figure
+            from clt.report.figures.style import IMAGE_FORMATS as KINDS
 
-            draw(file, KINDS[form], recording, evaluation)
+            draw_log_figure(file, KINDS[form], recording, evaluation)
     how = None if evaluation is None else evaluation.align
     if output != STDOUT:
         console.say(f"{output}: {log}, " + ("not scored" if how is None else f"align {how}"))
@@ -74,8 +82,8 @@ def plot(
     return console.code
 
 
-def scored(
-    recording: Recording, align: Align | None, log: str, console: Console
+def evaluate_if_possible(
+    recording: Recording, align: AlignMethod | None, log: str, console: Console
 ) -> Evaluation | None:
     """The figures of the estimates that have truth, if any has.
 

@@ -6,15 +6,22 @@ from typing import Annotated
 
 import typer
 
-from clt.cli.options import Force, Json, Log, Output, Quiet, Verbose
-from clt.cli.period import From, To
+from clt.cli.options import (
+    ForceOption,
+    JsonOption,
+    LogArgument,
+    OutputOption,
+    QuietOption,
+    VerboseOption,
+)
+from clt.cli.period import FromOption, ToOption
 
-WANTED = frozenset({"odometry", "frames", "truth"})
+RANGE_LOG_ROLES = frozenset({"odometry", "frames", "truth"})
 
 
 def range_log(
-    log: Log,
-    output: Output,
+    log: LogArgument,
+    output: OutputOption,
     method: Annotated[
         str,
         typer.Option(
@@ -36,12 +43,12 @@ def range_log(
             "networks slower than 10 Hz.",
         ),
     ] = None,
-    since: From = None,
-    until: To = None,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    since: FromOption = None,
+    until: ToOption = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
 ) -> int:
     """Turn the packets of a UWB broadcast network into ranges, as each robot would.
 
@@ -51,32 +58,32 @@ def range_log(
     """
     import json
 
-    from clt.cli.compiling import announced
+    from clt.cli.compiling import announce_compilation
     from clt.cli.console import Console
     from clt.cli.inputs import Inputs
-    from clt.cli.period import period_of, usable
+    from clt.cli.period import parse_period, select_usable_part
     from clt.cli.provenance import run_record
-    from clt.cli.reports.ranging_report import document, tell
+    from clt.cli.reports.ranging_report import print_ranging_summary, ranging_document
     from clt.core.errors import CltError, UsageError
     from clt.log.output import STDOUT
     from clt.log.recording.load import load
     from clt.log.recording.save import save
-    from clt.ranging.recover import METHODS, recover
+    from clt.ranging.recover import RANGING_METHODS, range_packets
 
     console = Console(quiet, verbose)
-    if method not in METHODS:
-        from clt.core.settings import nearest  # pydantic, slow to import
+    if method not in RANGING_METHODS:
+        from clt.core.settings import did_you_mean  # pydantic, slow to import
 
-        raise UsageError(f"--method {method}: unknown{nearest(method, METHODS)}")
+        raise UsageError(f"--method {method}: unknown{did_you_mean(method, RANGING_METHODS)}")
     if noise is not None and not 0.0 <= noise <= 1e6:
         raise UsageError(f"--noise {noise:g}: give picoseconds, from 0 to a million")
     if as_json and output == STDOUT:
         raise UsageError("--json and -o - both want standard output; name a file")
-    period = period_of(since, until)
+    period = parse_period(since, until)
     inputs = Inputs.of(log)
     inputs.check(output, force)
-    loaded = load(log, want=WANTED)
-    recording = usable(loaded, period, console)
+    loaded = load(log, want=RANGE_LOG_ROLES)
+    recording = select_usable_part(loaded, period, console)
     if recording.frames.stamp.size == 0:
         raise CltError(
             f"{loaded.path}: no UWB packets found on /ROBOT/uwb/frame; clt range needs raw time "
@@ -84,11 +91,11 @@ def range_log(
         )
     sigma = None if noise is None else noise * 1e-12
     try:
-        with announced(console, ranging=True):
-            found = recover(recording, method, smooth, sigma)
+        with announce_compilation(console, ranging=True):
+            found = range_packets(recording, method, smooth, sigma)
     except CltError as error:
         raise CltError(f"{loaded.path}: {error}") from None
-    learnt = document(found)
+    learnt = ranging_document(found)
     digests = inputs.digests({str(log): loaded.sha256})
     told = run_record(digests, ranging=learnt, warnings=console.warnings)
     kept = {key: recording.run[key] for key in ("seed", "config") if key in recording.run}
@@ -98,5 +105,5 @@ def range_log(
         counts = {name: len(one.stamp) for name, one in found.recording.odometry.items()}
         head = {"log": str(output), "ranges": len(found.recording.ranges.stamp)}
         print(json.dumps({**head, "odometry": counts, **learnt, "warnings": console.warnings}))
-    tell(console, found)
+    print_ranging_summary(console, found)
     return console.code

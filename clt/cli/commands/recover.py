@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-from clt.cli.options import Force, Json, Log, Output, Quiet, Verbose
+from clt.cli.options import (
+    ForceOption,
+    JsonOption,
+    LogArgument,
+    OutputOption,
+    QuietOption,
+    VerboseOption,
+)
 
 
 def recover(
-    log: Log,
-    output: Output,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    log: LogArgument,
+    output: OutputOption,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
 ) -> int:
     """Copy everything sound of a damaged log into a sound one, and say what was lost.
 
@@ -22,15 +29,15 @@ def recover(
 
     from clt.cli.console import Console
     from clt.core.errors import UsageError
-    from clt.log.mcap.bag import bag_of
+    from clt.log.mcap.bag import find_bag
     from clt.log.output import STDOUT
-    from clt.log.output import output as opened
-    from clt.log.recording.recover import recover as copy
+    from clt.log.output import open_output as opened
+    from clt.log.recording.recover import salvage_log as copy
 
     if as_json and output == STDOUT:
         raise UsageError("--json and -o - both want standard output; name a file")
     if log.is_dir():
-        files = bag_of(log).files
+        files = find_bag(log).files
         raise UsageError(f"{log}: is a folder: recover its files one by one, e.g. {files[0]}")
     console = Console(quiet, verbose)
     with opened(output, force, inputs=[log]) as file:

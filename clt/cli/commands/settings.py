@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from clt.cli.options import Force, Json, Quiet, Report, Verbose
+from clt.cli.options import ForceOption, JsonOption, QuietOption, ReportOption, VerboseOption
 
 if TYPE_CHECKING:
-    from clt.core.settings_table import Key
+    from clt.core.settings_table import SettingKey
 
 
 def settings(
@@ -20,11 +20,11 @@ def settings(
         Literal["localize", "simulate"],
         typer.Option(help="The command whose keys are wanted; init takes those of localize."),
     ] = "localize",
-    output: Report = None,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    output: ReportOption = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
 ) -> int:
     """List every key of --set with type, unit, default and one line.
 
@@ -42,39 +42,39 @@ def settings(
     console = Console(quiet, verbose)
     inputs = Inputs.of()
     inputs.check(output, force)
-    found = chosen(key, of)
+    found = select_keys(key, of)
     with inputs.report(output, force) as file:
         if as_json:
             table = {"keys": [asdict(one) for one in found]}
             print(json.dumps(table, allow_nan=False, indent=1), file=file)
         else:
-            print("\n".join(lines(found)), file=file)
+            print("\n".join(key_table_lines(found)), file=file)
     return console.code
 
 
-def chosen(key: str | None, of: str) -> list[Key]:
+def select_keys(key: str | None, of: str) -> list[SettingKey]:
     """The keys of a command that are `key` or below it. Raises UsageError naming the nearest."""
     from clt.core.errors import UsageError
-    from clt.core.settings import nearest
-    from clt.core.settings_table import keys_of
-    from clt.core.validation import short
+    from clt.core.settings import did_you_mean
+    from clt.core.settings_table import setting_keys
+    from clt.core.validation import shorten
     from clt.model.settings import FilterSettings
     from clt.sim.scenario import Scenario
 
-    every = keys_of(Scenario if of == "simulate" else FilterSettings)
+    every = setting_keys(Scenario if of == "simulate" else FilterSettings)
     if key is None:
         return every
     found = [one for one in every if one.name == key or one.name.startswith(f"{key}.")]
     if len(found) == 0:
         names = [one.name for one in every]
         tables = {name.rpartition(".")[0] for name in names} - {""}
-        hint = nearest(key, [*names, *sorted(tables)])
+        hint = did_you_mean(key, [*names, *sorted(tables)])
         hint = "; clt settings lists all" if hint.startswith(";") else hint
-        raise UsageError(f"unknown key `{short(key)}`{hint}")
+        raise UsageError(f"unknown key `{shorten(key)}`{hint}")
     return found
 
 
-def lines(keys: list[Key]) -> list[str]:
+def key_table_lines(keys: list[SettingKey]) -> list[str]:
     """A row per key: name, default, unit, type, and below it what it is."""
     import json
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from clt.cli.options import Force, Json, Quiet, Set, Verbose
+from clt.cli.options import ForceOption, JsonOption, QuietOption, SetOption, VerboseOption
 
 if TYPE_CHECKING:
     from clt.cli.console import Console
@@ -28,15 +28,15 @@ def simulate(
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Of all randomness.")] = None,
     duration: Annotated[float | None, typer.Option(metavar="S", help="Seconds.")] = None,
-    sets: Set = [],  # noqa: B006 typer takes its default from here
+    sets: SetOption = [],  # noqa: B006 typer takes its default from here
     list_: Annotated[bool, typer.Option("--list", help="List the built-in scenarios.")] = False,
     show: Annotated[
         bool, typer.Option("--show", help="Print the effective scenario, write no log.")
     ] = False,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
 ) -> int:
     """Simulate a team of robots: odometry, ranges and the truth go into a log.
 
@@ -44,33 +44,33 @@ def simulate(
       clt simulate --list
       clt simulate shi-sim -o shi.mcap --seed 7 --set sensors.range.sigma=0.2
     """
-    from clt.cli.console import DONE, Console
+    from clt.cli.console import EXIT_DONE, Console
 
     if list_:
-        return list_built_in(as_json)
+        return print_built_in(as_json)
     scenario, command, inputs = read_scenario(source, sets, seed, duration)
     if show:
-        show_scenario(scenario, as_json)
-        return DONE
-    write(scenario, command, inputs, output, force, as_json, Console(quiet, verbose))
-    return DONE
+        print_scenario(scenario, as_json)
+        return EXIT_DONE
+    simulate_to_log(scenario, command, inputs, output, force, as_json, Console(quiet, verbose))
+    return EXIT_DONE
 
 
-def list_built_in(as_json: bool) -> int:
+def print_built_in(as_json: bool) -> int:
     """Print every built-in scenario with its one line."""
     import json
 
-    from clt.cli.console import DONE
-    from clt.sim.scenario import built_in, load_scenario
+    from clt.cli.console import EXIT_DONE
+    from clt.sim.scenario import built_in_names, load_scenario
 
-    about = {name: load_scenario(name).description for name in built_in()}
+    about = {name: load_scenario(name).description for name in built_in_names()}
     if as_json:
         print(json.dumps(about))
-        return DONE
+        return EXIT_DONE
     width = max(len(name) for name in about)
     for name, line in about.items():
         print(f"{name:{width}}  {line}")
-    return DONE
+    return EXIT_DONE
 
 
 def read_scenario(
@@ -79,32 +79,32 @@ def read_scenario(
     """The scenario with all its settings, the command line that stands for them, its file."""
     from clt.cli.inputs import Inputs
     from clt.core.errors import UsageError
-    from clt.core.settings import assignments, from_environment
-    from clt.sim.scenario import Scenario, built_in, load_scenario, locate
+    from clt.core.settings import parse_assignments, settings_from_environment
+    from clt.sim.scenario import Scenario, built_in_names, load_scenario, locate_scenario
 
     if source is None:
         raise UsageError("no SCENARIO given; clt simulate --list shows the built-in ones")
     words = ["clt", "simulate", source]
-    overrides = assignments(sets)
+    overrides = parse_assignments(sets)
     for name, value in (("seed", seed), ("duration", duration)):
         if value is not None:
             overrides[name] = value
             words += [f"--{name}", str(value)]
     words += [word for option in sets for word in ("--set", option)]
-    inputs = Inputs.of(scenario=None if source in built_in() else locate(source))
-    environment = from_environment(Scenario)
+    inputs = Inputs.of(scenario=None if source in built_in_names() else locate_scenario(source))
+    environment = settings_from_environment(Scenario)
     scenario = load_scenario(inputs["scenario"] or source, overrides, environment)
     return scenario, shlex.join(words), inputs
 
 
-def show_scenario(scenario: Scenario, as_json: bool) -> None:
+def print_scenario(scenario: Scenario, as_json: bool) -> None:
     """Print the complete scenario."""
     from clt.sim.scenario import effective_toml
 
     print(scenario.model_dump_json() if as_json else effective_toml(scenario).rstrip())
 
 
-def write(
+def simulate_to_log(
     scenario: Scenario,
     command: str,
     inputs: Inputs,
@@ -116,7 +116,7 @@ def write(
     """Simulate into a log. Its bytes depend on the scenario and `command` alone: no timings."""
     from clt.cli.provenance import run_record
     from clt.core.errors import UsageError
-    from clt.filters.distributed.consensus import links
+    from clt.filters.distributed.consensus import communication_links
     from clt.log.output import STDOUT
     from clt.log.recording.save import save
     from clt.sim.simulate import simulate as run
@@ -128,7 +128,7 @@ def write(
     inputs.check(path, force)
     recording = run(scenario)
     if (told := recording.team.communication) is not None:
-        links(told.graph, recording.team.names, "communication.graph")
+        communication_links(told.graph, recording.team.names, "communication.graph")
     record = run_record(
         inputs.digests({}),
         seed=scenario.seed,
@@ -137,10 +137,10 @@ def write(
     )
     with inputs.output(path, force) as file:
         save(file, recording, record | {"command": command})
-    tell(console, scenario, recording, path, as_json)
+    print_simulate_summary(console, scenario, recording, path, as_json)
 
 
-def tell(
+def print_simulate_summary(
     console: Console, scenario: Scenario, recording: Recording, log: Path, as_json: bool
 ) -> None:
     """What was written: one object on stdout, or one line on stderr."""

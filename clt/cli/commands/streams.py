@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-from clt.cli.options import Force, Json, Log, Quiet, Report, Verbose
+from clt.cli.options import (
+    ForceOption,
+    JsonOption,
+    LogArgument,
+    QuietOption,
+    ReportOption,
+    VerboseOption,
+)
 
 
 def streams(
-    log: Log,
-    output: Report = None,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    log: LogArgument,
+    output: ReportOption = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
 ) -> int:
     """Write a first streams.toml for a foreign log, guessed from its topics and types.
 
@@ -23,21 +30,21 @@ def streams(
 
     from clt.cli.console import Console
     from clt.cli.inputs import Inputs
-    from clt.cli.reports.topics import described
+    from clt.cli.reports.topics import topic_dicts
     from clt.log.output import STDOUT
-    from clt.log.recording.mapping.foreign import draft_for
+    from clt.log.recording.mapping.foreign import draft_streams
 
     console = Console(quiet, verbose)
     inputs = Inputs.of(log)
     inputs.check(output, force)
-    drafted = draft_for(log)
+    drafted = draft_streams(log)
     with inputs.report(output, force) as file:
         if as_json:
             guesses = {one.topic: one.about for one in drafted.guesses}
             document = {
                 "log": drafted.log,
                 "robots": list(drafted.robots),
-                "topics": described(drafted.topics, frozenset(), guesses),
+                "topics": topic_dicts(drafted.topics, frozenset(), guesses),
                 "streams": drafted.text,
             }
             print(json.dumps(document, indent=1), file=file)

@@ -11,63 +11,66 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from clt.cli.reports.topics import SHOWN as MOST
-from clt.cli.reports.topics import guesses, table, unused
-from clt.core.printable import name as shown
+from clt.cli.reports.topics import MAX_TOPIC_ROWS as MOST
+from clt.cli.reports.topics import guesses_by_topic, topic_table, unread_topics
 from clt.core.printable import printable
-from clt.core.recording import WORLD, Recording
+from clt.core.printable import printable_name as shown
+from clt.core.recording import WORLD_FRAME, Recording
 from clt.log.recording.load import LoadedLog
-from clt.log.recording.summary import Rhythm, Summary
+from clt.log.recording.summary import LogSummary, StreamTiming
 
-SHOWN = 20
+MAX_RATE_PAIRS = 20
 """Pairs in the table; the rest is in the JSON."""
-ROLES = {
+ROLE_TITLES = {
     "odometry": "odometry",
     "frames": "UWB packets",
     "truth": "truth",
     "estimate": "estimate",
     "dead_reckoning": "dead reckoning",
 }
-TOLD = ("command", "version", "filter", "frame", "init", "seed")
+PRINTED_RUN_KEYS = ("command", "version", "filter", "frame", "init", "seed")
 """What is said about the run that made a log; the rest is in the JSON."""
 
 
-def show(loaded: LoadedLog, summary: Summary, file: TextIO) -> None:
+def print_info(loaded: LoadedLog, summary: LogSummary, file: TextIO) -> None:
     """Print what is in a log."""
     console = Console(highlight=False, file=file)
     if not console.is_terminal:
         console.width = 100
     recording = loaded.recording
-    for line in heading(loaded, summary):
+    for line in info_heading(loaded, summary):
         console.print(Text(printable(line)), soft_wrap=True)
     if len(recording.team.robots) > 0:
-        console.print(robots(recording, summary))
+        console.print(robot_table(recording, summary))
     if len(summary.pairs) > 0:
-        console.print(pairs(summary.pairs))
-        if len(summary.pairs) > SHOWN:
-            console.print(f"{len(summary.pairs) - SHOWN} more pairs: clt info --json\n")
-    rest = unused(loaded)
+        console.print(pair_rate_table(summary.pairs))
+        if len(summary.pairs) > MAX_RATE_PAIRS:
+            console.print(f"{len(summary.pairs) - MAX_RATE_PAIRS} more pairs: clt info --json\n")
+    rest = unread_topics(loaded)
     if len(rest) > 0:
-        about = guesses(loaded)
-        console.print(table(rest, about))
+        about = guesses_by_topic(loaded)
+        console.print(topic_table(rest, about))
         if len(about) > 0:
             console.print("clt streams drafts a file for --streams that names these topics\n")
         if len(rest) > MOST:
             console.print(f"{len(rest) - MOST} more topics: clt info --json\n")
 
 
-def heading(loaded: LoadedLog, summary: Summary) -> list[str]:
+def info_heading(loaded: LoadedLog, summary: LogSummary) -> list[str]:
     """What the log is and what it holds, line by line."""
     recording = loaded.recording
     team = recording.team
-    lines = [f"{loaded.path}: {span(summary)}", f"written by {loaded.library or 'unknown'}"]
+    lines = [
+        f"{loaded.path}: {duration_text(summary)}",
+        f"written by {loaded.library or 'unknown'}",
+    ]
     counts = [f"{len(recording.ranges.stamp)} ranges of {len(summary.pairs)} pairs"]
     if summary.innovations > 0:
         counts.append(f"{summary.innovations} innovations, {summary.accepted} accepted")
     lines.append(f"{len(team.moving)} moving and {len(team.static)} static robots")
     lines.append("; ".join(counts))
     lines.append("truth: " + (", ".join(recording.truth) or "none"))
-    lines += [f"{key}: {recording.run[key]}" for key in TOLD if key in recording.run]
+    lines += [f"{key}: {recording.run[key]}" for key in PRINTED_RUN_KEYS if key in recording.run]
     if len(recording.attachments) > 0:
         lines.append("attachments: " + ", ".join(item.name for item in recording.attachments))
     count = sum(fault.count for fault in recording.faults)
@@ -75,7 +78,7 @@ def heading(loaded: LoadedLog, summary: Summary) -> list[str]:
     return lines
 
 
-def span(summary: Summary) -> str:
+def duration_text(summary: LogSummary) -> str:
     """Duration, and the date where the stamps are one."""
     if summary.start is None:
         return "no streams that clt knows"
@@ -86,38 +89,38 @@ def span(summary: Summary) -> str:
     return f"{summary.duration:.1f} s{when}"
 
 
-def robots(recording: Recording, summary: Summary) -> Table:
+def robot_table(recording: Recording, summary: LogSummary) -> Table:
     """One row per robot, one column per stream that any robot has."""
     table = Table(box=SIMPLE_HEAD)
-    present = [role for role in ROLES if len(summary.streams[role]) > 0]
-    for title in ("robot", "id", "role", *(ROLES[role] for role in present)):
+    present = [role for role in ROLE_TITLES if len(summary.streams[role]) > 0]
+    for title in ("robot", "id", "role", *(ROLE_TITLES[role] for role in present)):
         table.add_column(title)
     for robot in recording.team.robots:
         role = "moving"
         if robot.static and robot.position is not None:
             role = "static at ({:g}, {:g}) m".format(*robot.position)
-            role += f" in {recording.team.frame}" if recording.team.frame != WORLD else ""
+            role += f" in {recording.team.frame}" if recording.team.frame != WORLD_FRAME else ""
         elif robot.static:
             role = "static, position unknown"
-        cells = [cell(summary.streams[kind].get(robot.name)) for kind in present]
+        cells = [timing_text(summary.streams[kind].get(robot.name)) for kind in present]
         table.add_row(robot.name, str(robot.id), Text(shown(role)), *cells)
     return table
 
 
-def pairs(found: Mapping[tuple[str, str], Rhythm]) -> Table:
+def pair_rate_table(found: Mapping[tuple[str, str], StreamTiming]) -> Table:
     """One row per pair of robots."""
     table = Table(box=SIMPLE_HEAD)
     table.add_column("pair")
     for title in ("ranges", "rate, Hz", "longest gap, s", "gaps"):
         table.add_column(title, justify="right")
-    for (source, target), one in list(found.items())[:SHOWN]:
+    for (source, target), one in list(found.items())[:MAX_RATE_PAIRS]:
         rate = "-" if one.rate is None else f"{one.rate:.1f}"
         longest = "-" if one.longest_gap is None else f"{one.longest_gap:.3g}"
         table.add_row(f"{source} -> {target}", str(one.count), rate, longest, str(one.gaps))
     return table
 
 
-def cell(one: Rhythm | None) -> str:
+def timing_text(one: StreamTiming | None) -> str:
     """Count, rate and gaps in short."""
     if one is None:
         return "-"

@@ -9,15 +9,15 @@ from pathlib import Path
 from clt.cli.console import Console
 from clt.cli.provenance import run_record
 from clt.core.recording import Poses
-from clt.estimation.pipeline import Result
+from clt.estimation.pipeline import EstimationResult
 from clt.model.settings import FilterSettings
 
 
-def describe(
+def localize_record(
     inputs: dict[str, str],
     choices: dict[str, str],
     settings: FilterSettings,
-    result: Result,
+    result: EstimationResult,
     timings: dict[str, float],
     console: Console,
 ) -> dict[str, str]:
@@ -48,9 +48,9 @@ def describe(
     )
 
 
-def tell(
+def print_localize_summary(
     console: Console,
-    result: Result,
+    result: EstimationResult,
     log: Path,
     choices: dict[str, str],
     timings: dict[str, float],
@@ -58,7 +58,7 @@ def tell(
 ) -> None:
     """What was estimated: one object on stdout, or a line per robot on stderr."""
     seen = result.posterior.innovations.accepted
-    last = {name: final(poses) for name, poses in result.recording.estimate.items()}
+    last = {name: final_pose(poses) for name, poses in result.recording.estimate.items()}
     if as_json:
         ranges = {"used": int(seen.sum()), "rejected": int((~seen).sum())}
         head = {"log": str(log), **choices, "final": last, "ranges": ranges}
@@ -66,7 +66,7 @@ def tell(
         print(json.dumps(document, allow_nan=False))
         return
     console.say(
-        f"{log}: {counted(len(last), 'robot')}, {counted(seen.size, 'range')}, "
+        f"{log}: {count_text(len(last), 'robot')}, {count_text(seen.size, 'range')}, "
         f"{int((~seen).sum())} rejected, "
         f"filtered in {timings['filter_s']:.2f} s"
     )
@@ -79,12 +79,12 @@ def tell(
         )
 
 
-def counted(count: int, what: str) -> str:
+def count_text(count: int, what: str) -> str:
     """So many of something."""
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
-def final(poses: Poses) -> dict[str, list[float]]:
+def final_pose(poses: Poses) -> dict[str, list[float]]:
     """The last pose of a trajectory: mean and standard deviation of (x, y, heading), m and rad."""
     mean = [float(column[-1]) for column in (poses.x, poses.y, poses.heading)]
     covariance = poses.covariance

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from clt.observability.exact.analysis import Analysis
-from clt.observability.windows.windows import Seen, Windows
+from clt.observability.windows.windows import RobotWindows, WindowAnalysis
 
-MOST_LINES = 12
+MAX_DIRECTIONS = 12
 """Unobservable directions told; --json has all."""
-HIDDEN = "no range tells:"
-BENT = "ranges tell only to second order, next to nothing while the team stays so:"
+UNOBSERVABLE_TITLE = "no range tells:"
+SECOND_ORDER_TITLE = "ranges tell only to second order, next to nothing while the team stays so:"
 
 
-def show(found: Analysis, *, verbose: bool) -> None:
+def print_analysis(found: Analysis, *, verbose: bool) -> None:
     """Rank, open directions, mirror images and remedies on standard output."""
     nodes = found.setup.nodes
     moving = sum(not node.static for node in nodes)
@@ -33,27 +33,27 @@ def show(found: Analysis, *, verbose: bool) -> None:
         f"{verdict}: rank {found.rank} of {found.dimension}, nullity {found.nullity} "
         f"(Lie derivatives up to order {found.order})"
     )
-    for title, hidden in ((HIDDEN, True), (BENT, False)):
+    for title, hidden in ((UNOBSERVABLE_TITLE, True), (SECOND_ORDER_TITLE, False)):
         names = [one.name for one in found.unobservable if one.hidden is hidden]
-        section(title, names[:MOST_LINES])
-        if len(names) > MOST_LINES:
-            print(f"  and {len(names) - MOST_LINES} more (--json)")
+        print_section(title, names[:MAX_DIRECTIONS])
+        if len(names) > MAX_DIRECTIONS:
+            print(f"  and {len(names) - MAX_DIRECTIONS} more (--json)")
     if verbose:
-        for direction in found.unobservable[:MOST_LINES]:
-            section(
+        for direction in found.unobservable[:MAX_DIRECTIONS]:
+            print_section(
                 f"{direction.name}, as a vector:",
                 [f"{name} {value:+.4g}" for name, value in direction.components.items()],
             )
     count = "" if found.solutions is None else f" ({found.solutions} solutions in all)"
-    section(f"no range excludes{count}:", list(found.ambiguities))
+    print_section(f"no range excludes{count}:", list(found.ambiguities))
     cures = [
         remedy.text + ("" if remedy.nullity == 0 else f" (nullity {remedy.nullity} remains)")
         for remedy in found.remedies
     ]
-    section("what would help, any one of:" if len(cures) > 1 else "what would help:", cures)
+    print_section("what would help, any one of:" if len(cures) > 1 else "what would help:", cures)
 
 
-def section(title: str, lines: list[str]) -> None:
+def print_section(title: str, lines: list[str]) -> None:
     """A title and its indented lines, or nothing."""
     if len(lines) > 0:
         print(title)
@@ -61,7 +61,7 @@ def section(title: str, lines: list[str]) -> None:
         print(f"  {line}")
 
 
-def show_windows(found: Windows) -> None:
+def print_windows(found: WindowAnalysis) -> None:
     """One line per robot over all windows."""
     length = float(found.end[0] - found.begin[0])
     full = int(np.sum(found.rank == found.dimension))
@@ -71,27 +71,30 @@ def show_windows(found: Windows) -> None:
     )
     width = max((len(name) for name in found.robots), default=0)
     for name, seen in found.robots.items():
-        print(f"  {name:{width}}  {told(seen)}")
+        print(f"  {name:{width}}  {robot_windows_text(seen)}")
 
 
-def told(seen: Seen) -> str:
+def robot_windows_text(seen: RobotWindows) -> str:
     """Ranks, best standard deviations and the usual weakest direction of one robot."""
     size = 2 if np.isnan(seen.sigma_heading).all() else 3
-    parts = [f"rank {rank_text(seen)} of {size}", f"position {spread(seen.sigma_position, 'm')}"]
+    parts = [
+        f"rank {rank_text(seen)} of {size}",
+        f"position {sigma_text(seen.sigma_position, 'm')}",
+    ]
     if size == 3:
-        parts.append(f"heading {spread(seen.sigma_heading, 'rad')}")
+        parts.append(f"heading {sigma_text(seen.sigma_heading, 'rad')}")
     words, counts = np.unique(np.array(seen.words), return_counts=True)
     parts.append(f"weakest: {words[int(np.argmax(counts))]}")
     return "; ".join(parts)
 
 
-def rank_text(seen: Seen) -> str:
+def rank_text(seen: RobotWindows) -> str:
     """The rank, or its least and greatest."""
     low, high = int(np.min(seen.rank)), int(np.max(seen.rank))
     return str(low) if low == high else f"{low} .. {high}"
 
 
-def spread(sigma: np.ndarray[tuple[int], np.dtype[np.float64]], unit: str) -> str:
+def sigma_text(sigma: np.ndarray[tuple[int], np.dtype[np.float64]], unit: str) -> str:
     """Median and worst of the best standard deviations."""
     if not np.isfinite(sigma).any():
         return "unknown"

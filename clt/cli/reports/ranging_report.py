@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, replace
 
-from clt.cli.compiling import announced
+from clt.cli.compiling import announce_compilation
 from clt.cli.console import Console
 from clt.core.recording import Recording
-from clt.ranging.recover import COMMON_CLOCK, Recovered, recover
+from clt.ranging.recover import COMMON_CLOCK, RangedRecording, range_packets
 
-NAMES = {"clock": "clock filters", "double-sided": "double-sided ranging"}
+RANGING_METHOD_TITLES = {"clock": "clock filters", "double-sided": "double-sided ranging"}
 
 
-def document(found: Recovered) -> dict[str, object]:
+def ranging_document(found: RangedRecording) -> dict[str, object]:
     """What was learnt, for `clt.run` and --json."""
     return {
         "method": found.method,
@@ -25,11 +25,11 @@ def document(found: Recovered) -> dict[str, object]:
     }
 
 
-def tell(console: Console, found: Recovered) -> None:
+def print_ranging_summary(console: Console, found: RangedRecording) -> None:
     """A few lines for people."""
     count = found.recording.ranges.stamp.size
     console.say(
-        f"UWB packets: {count} ranges of {len(found.clocks)} pairs by {NAMES[found.method]} "
+        f"UWB packets: {count} ranges of {len(found.clocks)} pairs by {RANGING_METHOD_TITLES[found.method]} "
         f"({found.why})"
     )
     for (a, b), one in found.clocks.items():
@@ -39,10 +39,10 @@ def tell(console: Console, found: Recovered) -> None:
         )
 
 
-def ranged(recording: Recording, console: Console) -> Recording:
+def recover_ranges(recording: Recording, console: Console) -> Recording:
     """The recording with ranges and odometry out of its packets, by the method that suits them."""
-    with announced(console, ranging=True):
-        found = recover(recording)
-    tell(console, found)
-    run = {**recording.run, "ranging": json.dumps(document(found))}
+    with announce_compilation(console, ranging=True):
+        found = range_packets(recording)
+    print_ranging_summary(console, found)
+    run = {**recording.run, "ranging": json.dumps(ranging_document(found))}
     return replace(found.recording, run=run)

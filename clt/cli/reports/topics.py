@@ -8,34 +8,37 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-from clt.core.printable import name as shown
+from clt.core.printable import printable_name as shown
 from clt.log.recording.load import LoadedLog
 from clt.log.recording.reader import Topic
 
-SHOWN = 20
+MAX_TOPIC_ROWS = 20
 """Topics in the table; the rest is in the JSON."""
-OWN = ("/tf", "/clt/")
+VIEWER_TOPIC_PREFIXES = ("/tf", "/clt/")
 """What clt's own logs hold for viewers begins so."""
 
 
-def guesses(loaded: LoadedLog) -> dict[str, str]:
+def guesses_by_topic(loaded: LoadedLog) -> dict[str, str]:
     """What the topics that were not read may be, by name."""
-    from clt.log.recording.mapping.guess import guess
+    from clt.log.recording.mapping.guess import guess_topics
 
-    return {one.topic: one.about for one in guess(loaded.topics) if one.topic not in loaded.used}
+    return {
+        one.topic: one.about for one in guess_topics(loaded.topics) if one.topic not in loaded.used
+    }
 
 
-def unused(loaded: LoadedLog) -> list[Topic]:
+def unread_topics(loaded: LoadedLog) -> list[Topic]:
     """The topics that were not read, without those that a log of clt holds for viewers."""
     own = loaded.own
     return [
         topic
         for topic in loaded.topics.values()
-        if topic.name not in loaded.used and not (own and topic.name.startswith(OWN))
+        if topic.name not in loaded.used
+        and not (own and topic.name.startswith(VIEWER_TOPIC_PREFIXES))
     ]
 
 
-def described(
+def topic_dicts(
     topics: Mapping[str, Topic], used: frozenset[str], about: Mapping[str, str]
 ) -> list[dict[str, object]]:
     """The topics for JSON."""
@@ -51,7 +54,7 @@ def described(
     ]
 
 
-def table(topics: list[Topic], about: Mapping[str, str]) -> Table:
+def topic_table(topics: list[Topic], about: Mapping[str, str]) -> Table:
     """The topics that were not read, likely ones first."""
     ordered = sorted(topics, key=lambda topic: topic.name not in about)
     rows = Table(box=SIMPLE_HEAD, title="not read", title_justify="left", title_style="")
@@ -59,7 +62,7 @@ def table(topics: list[Topic], about: Mapping[str, str]) -> Table:
         rows.add_column(name)
     rows.add_column("messages", justify="right")
     rows.add_column("may be")
-    for topic in ordered[:SHOWN]:
+    for topic in ordered[:MAX_TOPIC_ROWS]:
         words = about.get(topic.name, "-")
         first = Text(shown(topic.name)), Text(shown(topic.type))
         rows.add_row(*first, str(topic.count), Text(shown(words)))

@@ -18,132 +18,157 @@ from clt.core.errors import CltError
 from clt.core.recording import Poses, Recording, Stamps
 from clt.core.start import Start
 from clt.estimation.estimators import (
-    ALONE,
-    SHI,
+    DEFAULT_ESTIMATOR,
+    FILTERS_WITHOUT_SEARCH,
     Estimator,
-    posterior_of,
-    swayed_robots,
-    trajectories,
+    make_posterior,
+    start_sensitivity_warning,
+    trajectories_by_robot,
 )
 from clt.estimation.posterior import Posterior
-from clt.estimation.replay.fixed_lag import UNJUDGED, Replay, all_blocks, solve
-from clt.filters.kalman.free import wanted
+from clt.estimation.replay.fixed_lag import (
+    RANGE_NEVER_FUSED,
+    Replay,
+    outputs_at_times,
+    solve_fixed_lag,
+)
+from clt.filters.kalman.free import use_first_estimates
 from clt.filters.kalman.gaussian import solve_ekf
-from clt.model.arrivals import epochs, feed, weighed_on_arrival
-from clt.model.choices import View
-from clt.model.inputs import RangeTable, correlation_time
-from clt.model.known_odometry import Driver, driver
-from clt.model.problem import ABSOLUTE, Problem, cast_of, lay_out, tied
-from clt.model.settings import FilterSettings, Noise
-from clt.model.state_space import WORLD
+from clt.model.arrivals import arrival_order, inflate_by_arrived_ranges, replay_epochs
+from clt.model.choices import FrameSpec
+from clt.model.inputs import RangeTable, range_correlation_time
+from clt.model.known_odometry import OdometryInput, make_odometry_input
+from clt.model.problem import (
+    WORLD_FRAME_SPEC,
+    Problem,
+    build_problem,
+    choose_states,
+    range_measurements,
+)
+from clt.model.settings import FilterSettings, NoiseSettings
+from clt.model.state_space import WORLD_REFERENCE
 
 
-def replay(
-    recording: Recording, start: Start, settings: FilterSettings, estimator: Estimator = SHI
+def replay_recording(
+    recording: Recording,
+    start: Start,
+    settings: FilterSettings,
+    estimator: Estimator = DEFAULT_ESTIMATOR,
 ) -> Posterior:
     """Filter a log in the order of arrival; every block is estimated at every epoch.
 
     Innovations are those of each range when it was first fused. Raises CltError where nothing can
     be estimated.
     """
-    case, late = lay_out_arrivals(recording, start, settings, estimator.view)
-    settings = with_jacobians(settings, case.problem)
-    solution = solve(case, settings, estimator.run)
-    judged = solution.verdict != UNJUDGED
+    case, late = build_replay(recording, start, settings, estimator.view)
+    settings = decide_jacobians(settings, case.problem)
+    solution = solve_fixed_lag(case, settings, estimator.run)
+    judged = solution.verdict != RANGE_NEVER_FUSED
     problem = replace(
-        with_outputs(case),
+        with_replay_outputs(case),
         ranges=RangeTable._make(column[judged] for column in case.problem.ranges),
-        notes=(*case.problem.notes, *doubts(case, late)),
+        notes=(*case.problem.notes, *arrival_warnings(case, late)),
     )
     columns = {
         name: getattr(solution, name)[judged] for name in ("residual", "variance", "verdict")
     }
     solution = replace(solution, **columns)
-    posterior = posterior_of(recording, problem, solution, settings, estimator.filter)
-    whole = lay_out(recording, start, settings, estimator.view)
-    alone = ALONE.get(estimator.filter)
+    posterior = make_posterior(recording, problem, solution, settings, estimator.filter)
+    whole = build_problem(recording, start, settings, estimator.view)
+    alone = FILTERS_WITHOUT_SEARCH.get(estimator.filter)
     doubt = (
-        () if alone is None else swayed_robots(whole, alone(whole, settings), settings, estimator)
+        ()
+        if alone is None
+        else start_sensitivity_warning(whole, alone(whole, settings), settings, estimator)
     )
     return replace(posterior, left_out=(*posterior.left_out, *doubt))
 
 
-def dead_reckon(
-    recording: Recording, start: Start, settings: FilterSettings, view: View = ABSOLUTE
+def dead_reckon_replay(
+    recording: Recording, start: Start, settings: FilterSettings, view: FrameSpec = WORLD_FRAME_SPEC
 ) -> dict[str, Poses]:
     """Odometry alone, as far as it had arrived by each epoch: the baseline of a replay."""
-    case, _ = lay_out_arrivals(recording, start, settings, view)
+    case, _ = build_replay(recording, start, settings, view)
     none = RangeTable._make(column[:0] for column in case.problem.ranges)
-    nothing = feed(none.stamp, none.stamp)
+    nothing = arrival_order(none.stamp, none.stamp)
     alone = replace(case, problem=replace(case.problem, ranges=none), ranges=nothing)
-    return trajectories(with_outputs(alone), solve(alone, settings, solve_ekf))
+    return trajectories_by_robot(
+        with_replay_outputs(alone), solve_fixed_lag(alone, settings, solve_ekf)
+    )
 
 
-def lay_out_arrivals(
-    recording: Recording, start: Start, settings: FilterSettings, view: View
+def build_replay(
+    recording: Recording, start: Start, settings: FilterSettings, view: FrameSpec
 ) -> tuple[Replay, int]:
     """The replay of a recording, and how many ranges came too late for it.
 
     Raises CltError where there is nothing to estimate.
     """
-    problem, lag = lay_out(recording, start, settings, view), round(settings.received.lag * 1e9)
-    drivers = drivers_of(recording, problem, settings.noise)
+    problem, lag = (
+        build_problem(recording, start, settings, view),
+        round(settings.received.lag * 1e9),
+    )
+    drivers = odometry_inputs(recording, problem, settings.noise)
     heard = [own.feed for own in drivers if own is not None]
-    table, log_time, late = in_time(recording, start, settings, view, problem.end + lag)
-    came = feed(table.stamp, log_time)
+    table, log_time, late = ranges_in_time(recording, start, settings, view, problem.end + lag)
+    came = arrival_order(table.stamp, log_time)
     last = max(int(each.arrival[-1]) for each in (*heard, came) if each.arrival.size > 0)
     end = min(max(last, problem.end), problem.end + lag)
     if end <= problem.start:
         raise CltError("no odometry comes after the initial poses: there is nothing to replay")
     others = [came.arrival, *(own.arrival for own in heard[1:])]
-    times = epochs(heard[0].arrival, problem.start, end, others)
+    times = replay_epochs(heard[0].arrival, problem.start, end, others)
     problem = replace(problem, ranges=table)
     return Replay(problem, drivers, came, times, settings.noise, lag), late
 
 
-def with_outputs(case: Replay) -> Problem:
+def with_replay_outputs(case: Replay) -> Problem:
     """The problem with the outputs that its solution has."""
-    return replace(case.problem, outputs=all_blocks(len(case.problem.robots), case.epochs))
+    return replace(case.problem, outputs=outputs_at_times(len(case.problem.robots), case.epochs))
 
 
-def drivers_of(recording: Recording, problem: Problem, noise: Noise) -> tuple[Driver | None, ...]:
+def odometry_inputs(
+    recording: Recording, problem: Problem, noise: NoiseSettings
+) -> tuple[OdometryInput | None, ...]:
     """The odometry of a problem's drivers; None for one that stands."""
     robots = {robot.name: robot for robot in recording.team.robots}
     return tuple(
-        driver(recording.odometry[name], robots[name], noise, problem.start)
+        make_odometry_input(recording.odometry[name], robots[name], noise, problem.start)
         if name in recording.odometry
         else None
         for name in problem.drivers
     )
 
 
-def in_time(
-    recording: Recording, start: Start, settings: FilterSettings, view: View, end: int
+def ranges_in_time(
+    recording: Recording, start: Start, settings: FilterSettings, view: FrameSpec, end: int
 ) -> tuple[RangeTable, Stamps, int]:
     """The ranges that arrive within the lag, when they do (ns), and how many others there are."""
     ranges, team = recording.ranges, recording.team
-    table, _, _ = tied(recording, start, cast_of(recording, start, view), view, settings, end)
+    table, _, _ = range_measurements(
+        recording, start, choose_states(recording, start, view), view, settings, end
+    )
     log_time = ranges.log_time[table.row]
     use = log_time - table.stamp <= round(settings.received.lag * 1e9)
     table, log_time = RangeTable._make(column[use] for column in table), log_time[use]
     source, target = ranges.source[table.row], ranges.target[table.row]
     pair = np.minimum(source, target) * len(team.robots) + np.maximum(source, target)
-    tau = correlation_time(settings.noise, team)
-    return weighed_on_arrival(table, log_time, pair, tau), log_time, int(np.sum(~use))
+    tau = range_correlation_time(settings.noise, team)
+    return inflate_by_arrived_ranges(table, log_time, pair, tau), log_time, int(np.sum(~use))
 
 
-def with_jacobians(settings: FilterSettings, problem: Problem) -> FilterSettings:
+def decide_jacobians(settings: FilterSettings, problem: Problem) -> FilterSettings:
     """The settings with `jacobians` decided for all of a run by the ranges of all of it.
 
     Single steps cannot tell: they see the ranges of a moment.
     """
-    if settings.jacobians != "auto" or np.any(problem.space.base != WORLD):
+    if settings.jacobians != "auto" or np.any(problem.space.base != WORLD_REFERENCE):
         return settings
-    hold = wanted(problem, settings)
+    hold = use_first_estimates(problem, settings)
     return settings.model_copy(update={"jacobians": "first" if hold else "latest"})
 
 
-def doubts(case: Replay, late: int) -> list[str]:
+def arrival_warnings(case: Replay, late: int) -> list[str]:
     """What a user must know of how the messages came, one line each."""
     lines, lag = [], case.lag
     heard = [own.feed for own in case.drivers if own is not None]

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from clt.core.errors import UsageError
 from clt.core.recording import Floats, Indices
-from clt.core.settings import nearest
+from clt.core.settings import did_you_mean
 
 Bools = NDArray[np.bool_]
 
 
-def links(graph: str, names: Sequence[str], key: str = "dpf.graph") -> Bools:
+def communication_links(graph: str, names: Sequence[str], key: str = "dpf.graph") -> Bools:
     """Who may hear whom, shape (M, M), symmetric.
 
     `complete`; `line` and `ring` in the order of the names, R2 before R10; or links as in
@@ -36,30 +36,30 @@ def links(graph: str, names: Sequence[str], key: str = "dpf.graph") -> Bools:
         up[order[-1], order[0]] |= graph == "ring" and M > 1
     else:
         for link in graph.split(","):
-            a, b = ends(link, names, key)
+            a, b = link_robots(link, names, key)
             up[a, b] = True
     return up | up.T
 
 
-def ends(link: str, names: Sequence[str], key: str) -> tuple[int, int]:
+def link_robots(link: str, names: Sequence[str], key: str) -> tuple[int, int]:
     """Indices of the two robots of a link `A-B`. Raises UsageError where it is none."""
     parts = tuple(part.strip() for part in link.split("-"))
     if len(parts) != 2 or parts[0] == parts[1]:
         raise UsageError(f"{key}: `{link}` is not complete, line, ring or links as A-B,B-C")
     for name in parts:
         if name not in names:
-            raise UsageError(f"{key}: no robot `{name}` in the team{nearest(name, names)}")
+            raise UsageError(f"{key}: no robot `{name}` in the team{did_you_mean(name, names)}")
     return names.index(parts[0]), names.index(parts[1])
 
 
-def metropolis(up: Bools) -> Floats:
+def metropolis_weights(up: Bools) -> Floats:
     """U_ij = 1 / (1 + max(d_i, d_j)) on links, the rest to oneself: rows sum to one, U = U^T."""
     degree = up.sum(axis=1)
     U: Floats = up / (1.0 + np.maximum(degree[:, None], degree))
     return U + np.diag(1.0 - U.sum(axis=1))
 
 
-def groups(up: Bools, present: Bools) -> list[Indices]:
+def connected_groups(up: Bools, present: Bools) -> list[Indices]:
     """The sets of present robots that are connected, each sorted, by their first robot."""
     left, found = [int(i) for i in np.flatnonzero(present)], []
     while len(left) > 0:
@@ -73,7 +73,7 @@ def groups(up: Bools, present: Bools) -> list[Indices]:
 
 
 @dataclass(frozen=True)
-class Network:
+class LossyNetwork:
     """A lossy network and what each of its M robots sent and heard so far."""
 
     loss: float
@@ -91,7 +91,7 @@ class Network:
         Each iteration every robot sends its K numbers once.
         """
         heard = up[np.ix_(group, group)]
-        U = metropolis(heard)
+        U = metropolis_weights(heard)
         for _ in range(iterations if group.size > 1 else 0):
             arrived = heard & (self.draw.random(heard.shape) >= self.loss)
             W = np.where(arrived, U, 0.0)
@@ -138,13 +138,13 @@ class Network:
         self.bytes_heard[group] += heard * size
 
 
-def network(robots: int, loss: float, seed: int) -> Network:
+def make_network(robots: int, loss: float, seed: int) -> LossyNetwork:
     """A network over which nothing went yet."""
     counts = (np.zeros(robots, np.int64) for _ in range(4))
-    return Network(loss, np.random.default_rng([seed, 1]), *counts)
+    return LossyNetwork(loss, np.random.default_rng([seed, 1]), *counts)
 
 
-def traffic(net: Network, names: Sequence[str]) -> Mapping[str, Mapping[str, int]]:
+def traffic_by_robot(net: LossyNetwork, names: Sequence[str]) -> Mapping[str, Mapping[str, int]]:
     """Messages and bytes sent and heard by each robot."""
     columns = ("messages_sent", "bytes_sent", "messages_heard", "bytes_heard")
     return {

@@ -4,7 +4,7 @@ The log-likelihood of what one robot measured to another is a parabola in their 
 l(rho) = b rho - c rho^2 / 2 with c = sum 1 / R and b = sum z / R: two numbers, and a third that is
 one for the measurer alone. Consensus scales all three by the same share, so their quotients are
 exact as soon as the measurer's numbers have come at all, however few iterations there are. Every
-robot then corrects what it holds itself: as few Gaussians as its own knowledge needs (`mixture`).
+robot then corrects what it holds itself: as few Gaussians as its own knowledge needs (`mixture_kernel`).
 """
 
 from __future__ import annotations
@@ -14,36 +14,48 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clt.core.recording import Floats, Indices
-from clt.filters.distributed.rounds import Path, Rounds, Silent, rows, unheard
+from clt.filters.distributed.rounds import (
+    Outage,
+    PropagatedState,
+    Rounds,
+    extrapolate_odometry,
+    select_ranges,
+)
 from clt.filters.kalman.updates import projected_variance
-from clt.filters.mixture.gaussian_sum import Bank, Trace, belief_of, make_bank, make_trace
-from clt.filters.mixture.mixture import ROOM, mixture
-from clt.filters.mixture.reduction import Desk, make_desk
-from clt.filters.mixture.splitting import narrow_gaussians
-from clt.jit.compiled import lean
+from clt.filters.mixture.gaussian_sum import (
+    GaussianSum,
+    MixtureOutput,
+    gaussian_sum_belief,
+    make_gaussian_sum,
+    make_mixture_output,
+)
+from clt.filters.mixture.mixture import CAPACITY_FACTOR, mixture_kernel
+from clt.filters.mixture.reduction import MergeWorkspace, make_merge_workspace
+from clt.filters.mixture.splitting import split_prior_headings
+from clt.jit.compiled import compiled_noalloc
 from clt.model.belief import Belief
 from clt.model.inputs import Outputs, RangeTable
 from clt.model.problem import Problem
 from clt.model.range_model import predict_range
 from clt.model.settings import FilterSettings
 
-PARABOLA = 3
+PARABOLA_NUMBERS = 3
 """Numbers for each ordered pair: c, b, and whose they are."""
-HEADING = 0.2
+MAX_START_HEADING_SIGMA = 0.2
 """Heading up to which a Gaussian may be uncertain at the start, rad."""
-REACHED = 1e-9
+MIN_REACHED_SHARE = 1e-9
 """Share of a measurer's numbers from which on they count as arrived."""
 
 
 @dataclass(frozen=True)
-class Gaussians:
+class GaussianMember:
     """What one robot holds."""
 
     problem: Problem
     rounds: Rounds
     gate: float
-    bank: Bank
-    desk: Desk
+    bank: GaussianSum
+    desk: MergeWorkspace
 
     @property
     def size(self) -> int:
@@ -59,18 +71,18 @@ class Gaussians:
     @property
     def belief(self) -> Belief:
         """The Gaussians in use."""
-        return belief_of(self.bank)
+        return gaussian_sum_belief(self.bank)
 
-    def copy(self) -> Gaussians:
+    def copy(self) -> GaussianMember:
         """One that goes its own way."""
         own = (x.copy() if isinstance(x, np.ndarray) else x for x in self.bank)
-        return replace(self, bank=Bank._make(own))
+        return replace(self, bank=GaussianSum._make(own))
 
-    def adopt(self, giver: Gaussians) -> Gaussians:
+    def adopt(self, giver: GaussianMember) -> GaussianMember:
         """This robot with the belief of another."""
         return replace(self, bank=giver.copy().bank)
 
-    def without(self, silent: Silent) -> Gaussians:
+    def without(self, silent: Outage) -> GaussianMember:
         """This robot, which does not hear some others.
 
         The less is known of where they are heading, the more may their way go anywhere.
@@ -85,35 +97,39 @@ class Gaussians:
                         covariance[:, 3 * i, 3 * j] += way
                         covariance[:, 3 * i + 1, 3 * j + 1] += way
         bank = self.bank._replace(covariance=covariance)
-        return replace(self, bank=bank, problem=unheard(self.problem, silent, straight=True))
+        return replace(
+            self, bank=bank, problem=extrapolate_odometry(self.problem, silent, straight=True)
+        )
 
-    def path(self) -> Path:
+    def path(self) -> PropagatedState:
         """The heaviest Gaussian, as it is now."""
         bank = self.bank
         lead = int(np.argmax(self.belief.log_weight))
-        return Path(bank.mean[lead].copy(), bank.time.copy(), bank.cursor.copy())
+        return PropagatedState(bank.mean[lead].copy(), bank.time.copy(), bank.cursor.copy())
 
     def advance(self, until: int) -> None:
         """Bring all to a time (ns)."""
-        none = rows(self.problem.ranges, slice(0))
+        none = select_ranges(self.problem.ranges, slice(0))
         outputs = Outputs(*(column[:0] for column in self.problem.outputs))
-        self._run(until, none, outputs, make_trace(outputs, none))
+        self._run(until, none, outputs, make_mixture_output(outputs, none))
 
-    def report(self, outputs: Outputs, trace: Trace) -> None:
+    def report(self, outputs: Outputs, trace: MixtureOutput) -> None:
         """Fill in the outputs, which are not before the time reached."""
         if outputs.stamp.size > 0:
-            self._run(int(outputs.stamp[-1]), rows(self.problem.ranges, slice(0)), outputs, trace)
+            self._run(
+                int(outputs.stamp[-1]), select_ranges(self.problem.ranges, slice(0)), outputs, trace
+            )
 
     def distances(self, table: RangeTable) -> tuple[Floats, Floats]:
         """Distance of each range by each Gaussian, and its variance within: (n, K) twice."""
         shape = (table.stamp.size, int(self.bank.alive[0]))
         h, s = np.empty(shape), np.empty(shape)
-        separations(self.bank, self.problem.lever, table, h, s)
+        gaussian_distances(self.bank, self.problem.lever, table, h, s)
         return h, s
 
     def message(self, table: RangeTable, _: Floats, link: Indices) -> Floats:
         """The parabolas of own ranges, which belong to some ordered pairs, shape (3 E,)."""
-        told = np.zeros((self.rounds.pairs.stamp.size, PARABOLA))
+        told = np.zeros((self.rounds.pairs.stamp.size, PARABOLA_NUMBERS))
         np.add.at(told[:, 0], link, 1.0 / table.weight_variance)
         np.add.at(told[:, 1], link, table.range / table.weight_variance)
         told[link, 2] = 1.0
@@ -121,9 +137,9 @@ class Gaussians:
 
     def fuse(self, average: Floats, _: int, now: int) -> None:
         """Correct by the parabolas of all who were reached: each is one range."""
-        c, b, share = average.reshape(-1, PARABOLA).T
-        come = np.flatnonzero((share > REACHED) & (c > 0.0))
-        pairs, variance = rows(self.rounds.pairs, come), share[come] / c[come]
+        c, b, share = average.reshape(-1, PARABOLA_NUMBERS).T
+        come = np.flatnonzero((share > MIN_REACHED_SHARE) & (c > 0.0))
+        pairs, variance = select_ranges(self.rounds.pairs, come), share[come] / c[come]
         table = pairs._replace(
             stamp=np.full(come.size, now),
             range=b[come] / c[come],
@@ -131,28 +147,34 @@ class Gaussians:
             weight_variance=variance,
         )
         outputs = Outputs(*(column[:0] for column in self.problem.outputs))
-        self._run(now, table, outputs, make_trace(outputs, table))
+        self._run(now, table, outputs, make_mixture_output(outputs, table))
 
-    def _run(self, until: int, table: RangeTable, outputs: Outputs, trace: Trace) -> None:
+    def _run(self, until: int, table: RangeTable, outputs: Outputs, trace: MixtureOutput) -> None:
         """Run the mixture up to a time (ns)."""
-        mixture(
+        mixture_kernel(
             self.bank, until, self.problem.space, self.problem.lever, self.problem.segments, table,
             outputs, self.gate, self.desk, trace,
         )  # fmt: skip
 
 
-def gaussians(problem: Problem, settings: FilterSettings, rounds: Rounds) -> Gaussians:
+def make_gaussian_member(
+    problem: Problem, settings: FilterSettings, rounds: Rounds
+) -> GaussianMember:
     """What every robot starts with."""
     if problem.prior is None:
         raise ValueError("nothing to start from")
-    bank = make_bank(
-        narrow_gaussians(problem.prior, HEADING), problem, ROOM * settings.dpf.particles
+    bank = make_gaussian_sum(
+        split_prior_headings(problem.prior, MAX_START_HEADING_SIGMA),
+        problem,
+        CAPACITY_FACTOR * settings.dpf.particles,
     )
-    return Gaussians(problem, rounds, settings.gate, bank, make_desk(bank))
+    return GaussianMember(problem, rounds, settings.gate, bank, make_merge_workspace(bank))
 
 
-@lean
-def separations(bank: Bank, lever: Floats, table: RangeTable, h: Floats, s: Floats) -> None:
+@compiled_noalloc
+def gaussian_distances(
+    bank: GaussianSum, lever: Floats, table: RangeTable, h: Floats, s: Floats
+) -> None:
     """Distance of each range by each Gaussian and its variance, into h and s (n, K)."""
     for m in range(table.stamp.size):
         a, b, px, py = table.a[m], table.b[m], table.anchor[m, 0], table.anchor[m, 1]

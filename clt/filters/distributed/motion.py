@@ -13,18 +13,18 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.core.recording import Floats, Indices, Stamps
-from clt.jit.compiled import inlined, lean
-from clt.model.inputs import Segments
-from clt.model.state_space import Space, move, twist
+from clt.jit.compiled import compiled_noalloc, inlined
+from clt.model.inputs import TwistSegments
+from clt.model.state_space import StateSpace, corrected_twist, move_blocks
 
-GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+SPLITMIX_STEP = np.uint64(0x9E3779B97F4A7C15)
 """SplitMix64's step."""
 M1, M2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 S30, S27, S31, S11 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(11)
-UNIT = 2.0**-53
+UNIT_SCALE = 2.0**-53
 
 
-class Drive(NamedTuple):
+class RoundTwists(NamedTuple):
     """Twists of all drivers, cut at the ends of rounds; d has rows first[d] .. first[d + 1]."""
 
     first: Indices
@@ -37,7 +37,7 @@ class Drive(NamedTuple):
     sigma_omega: Floats
 
 
-class Cloud(NamedTuple):
+class SharedParticles(NamedTuple):
     """Q weighted particles of N numbers, and how far each of the D drivers is propagated."""
 
     x: Floats
@@ -47,10 +47,10 @@ class Cloud(NamedTuple):
     time: Stamps
     """(D,), ns."""
     cursor: Indices
-    """The row of `Drive` that each driver is in, (D,)."""
+    """The row of `RoundTwists` that each driver is in, (D,)."""
 
 
-def cut(segments: Segments, start: int, ends: Stamps) -> Drive:
+def cut_at_rounds(segments: TwistSegments, start: int, ends: Stamps) -> RoundTwists:
     """Segments from `start` (ns) in pieces of one round each, whose errors are independent.
 
     The noise of a sample is the same over its interval T; of a piece of L seconds the variance is
@@ -66,7 +66,7 @@ def cut(segments: Segments, start: int, ends: Stamps) -> Drive:
         first.append(first[-1] + stop.size)
     row = np.concatenate(rows)
     share = np.sqrt(segments.interval[row] / np.concatenate(lengths))
-    return Drive(
+    return RoundTwists(
         np.array(first),
         np.concatenate(stops),
         segments.v[row],
@@ -77,26 +77,38 @@ def cut(segments: Segments, start: int, ends: Stamps) -> Drive:
 
 
 @inlined
-def scramble(key: np.uint64) -> np.uint64:
+def splitmix_output(key: np.uint64) -> np.uint64:
     """SplitMix64's output for a state."""
     key = (key ^ (key >> S30)) * M1
     key = (key ^ (key >> S27)) * M2
     return key ^ (key >> S31)
 
 
-@lean
-def deviates(seed: np.uint64, row: int, q: int) -> tuple[float, float]:
+@compiled_noalloc
+def normal_deviates(seed: np.uint64, row: int, q: int) -> tuple[float, float]:
     """Two standard normal deviates of one row of a drive and one particle."""
-    key = scramble(seed + GOLDEN * np.uint64(row + 1))
-    key = scramble(key + GOLDEN * np.uint64(q + 1))
-    u = (np.float64(scramble(key + GOLDEN) >> S11) + 0.5) * UNIT
-    angle = 2.0 * math.pi * UNIT * np.float64(scramble(key + GOLDEN + GOLDEN) >> S11)
+    key = splitmix_output(seed + SPLITMIX_STEP * np.uint64(row + 1))
+    key = splitmix_output(key + SPLITMIX_STEP * np.uint64(q + 1))
+    u = (np.float64(splitmix_output(key + SPLITMIX_STEP) >> S11) + 0.5) * UNIT_SCALE
+    angle = (
+        2.0
+        * math.pi
+        * UNIT_SCALE
+        * np.float64(splitmix_output(key + SPLITMIX_STEP + SPLITMIX_STEP) >> S11)
+    )
     radius = math.sqrt(-2.0 * math.log(u))
     return radius * math.cos(angle), radius * math.sin(angle)
 
 
-@lean
-def advance(cloud: Cloud, d: int, until: int, drive: Drive, space: Space, seed: np.uint64) -> None:
+@compiled_noalloc
+def propagate_shared_driver(
+    cloud: SharedParticles,
+    d: int,
+    until: int,
+    drive: RoundTwists,
+    space: StateSpace,
+    seed: np.uint64,
+) -> None:
     """Bring driver d of every particle to the time `until` (ns), each with errors of its own."""
     x, _, time, cursor = cloud
     while time[d] < until and cursor[d] < drive.first[d + 1]:
@@ -104,18 +116,20 @@ def advance(cloud: Cloud, d: int, until: int, drive: Drive, space: Space, seed: 
         stop = min(until, drive.end[s])
         dt = (stop - time[d]) * 1e-9
         for q in range(x.shape[0]):
-            a, b = deviates(seed, s, q)
-            v, omega = twist(x[q], space, d, drive.v[s], drive.omega[s])
+            a, b = normal_deviates(seed, s, q)
+            v, omega = corrected_twist(x[q], space, d, drive.v[s], drive.omega[s])
             v, omega = v + drive.sigma_v[s] * a, omega + drive.sigma_omega[s] * b
-            move(x[q], space, d, v, omega, dt)
+            move_blocks(x[q], space, d, v, omega, dt)
         time[d] = stop
         if stop == drive.end[s]:
             cursor[d] = s + 1
     time[d] = max(time[d], until)
 
 
-@lean
-def advance_all(cloud: Cloud, until: int, drive: Drive, space: Space, seed: np.uint64) -> None:
+@compiled_noalloc
+def propagate_shared(
+    cloud: SharedParticles, until: int, drive: RoundTwists, space: StateSpace, seed: np.uint64
+) -> None:
     """Bring all drivers of every particle to the time `until` (ns)."""
     for d in range(cloud.time.size):
-        advance(cloud, d, until, drive, space, seed)
+        propagate_shared_driver(cloud, d, until, drive, space, seed)

@@ -1,7 +1,7 @@
 """Consensus on the likelihoods of particles that all robots share (Li 2020, section III-B).
 
 Every robot holds the same Q particles of the team's shape: same start, same odometry, same random
-numbers (`dpf_motion`). It weighs them by its own ranges; the average of all robots' log-likelihoods
+numbers (`motion`). It weighs them by its own ranges; the average of all robots' log-likelihoods
 times their number updates the weights, eq. (24). When the first robot of a group finds its weights
 too uneven, all of the group take the copies that it draws: their particles stay the same ones
 however few iterations leave their weights different, as long as all hear the same odometry.
@@ -15,35 +15,40 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clt.core.recording import Floats, Indices, Stamps
-from clt.filters.distributed.motion import Cloud, Drive, advance_all, cut
-from clt.filters.distributed.rounds import Path, Rounds, Silent, unheard
-from clt.filters.mixture.gaussian_sum import Trace
-from clt.filters.particle.resampling import ENOUGH, effective
-from clt.jit.compiled import lean
-from clt.model.belief import Belief, samples
+from clt.filters.distributed.motion import (
+    RoundTwists,
+    SharedParticles,
+    cut_at_rounds,
+    propagate_shared,
+)
+from clt.filters.distributed.rounds import Outage, PropagatedState, Rounds, extrapolate_odometry
+from clt.filters.mixture.gaussian_sum import MixtureOutput
+from clt.filters.particle.resampling import MIN_EFFECTIVE_SHARE, effective_sample_size
+from clt.jit.compiled import compiled_noalloc
+from clt.model.belief import Belief, sample_prior
 from clt.model.inputs import Outputs, RangeTable
-from clt.model.mixture_moments import cloud_share, moments
+from clt.model.mixture_moments import mixture_block_moments, particle_mode_probability
 from clt.model.problem import Problem
-from clt.model.range_model import distance_of
+from clt.model.range_model import predict_distance
 from clt.model.settings import FilterSettings
-from clt.model.state_space import Space
+from clt.model.state_space import StateSpace
 
-STRAY = 0.05
+MAX_STRAY_WEIGHT = 0.05
 """Particles of no more weight in all, away from the leading mode, are no other mode."""
 INDEX_BYTES = 4
 """Of the number of a particle, as sent."""
 
 
 @dataclass(frozen=True)
-class Points:
+class ParticleMember:
     """What one robot holds."""
 
     problem: Problem
     ends: Stamps
     """Of the rounds, ns."""
-    drive: Drive
+    drive: RoundTwists
     seed: np.uint64
-    cloud: Cloud
+    cloud: SharedParticles
 
     @property
     def size(self) -> int:
@@ -61,39 +66,43 @@ class Points:
         K = self.cloud.log_weight.size
         return Belief(self.cloud.log_weight, self.cloud.x, np.zeros((K, 0, 0)))
 
-    def copy(self) -> Points:
+    def copy(self) -> ParticleMember:
         """One that goes its own way."""
-        return replace(self, cloud=Cloud._make(array.copy() for array in self.cloud))
+        return replace(self, cloud=SharedParticles._make(array.copy() for array in self.cloud))
 
-    def adopt(self, giver: Points) -> Points:
+    def adopt(self, giver: ParticleMember) -> ParticleMember:
         """This robot with the belief of another."""
         return replace(self, cloud=giver.copy().cloud)
 
-    def without(self, silent: Silent) -> Points:
+    def without(self, silent: Outage) -> ParticleMember:
         """This robot, which does not hear some others."""
-        problem = unheard(self.problem, silent, straight=False)
-        return replace(self, problem=problem, drive=cut(problem.segments, problem.start, self.ends))
+        problem = extrapolate_odometry(self.problem, silent, straight=False)
+        return replace(
+            self, problem=problem, drive=cut_at_rounds(problem.segments, problem.start, self.ends)
+        )
 
-    def path(self) -> Path:
+    def path(self) -> PropagatedState:
         """The heaviest particle, as it is now."""
         x, log_weight, time, cursor = self.cloud
-        return Path(x[np.argmax(log_weight)].copy(), time.copy(), cursor.copy())
+        return PropagatedState(x[np.argmax(log_weight)].copy(), time.copy(), cursor.copy())
 
     def advance(self, until: int) -> None:
         """Bring all to a time (ns)."""
-        advance_all(self.cloud, until, self.drive, self.problem.space, self.seed)
+        propagate_shared(self.cloud, until, self.drive, self.problem.space, self.seed)
 
-    def report(self, outputs: Outputs, trace: Trace) -> None:
+    def report(self, outputs: Outputs, trace: MixtureOutput) -> None:
         """Fill in the outputs, which are not before the time reached."""
         K = self.cloud.log_weight.size
         space, scratch = self.problem.space, np.zeros((8, 3))
         none = np.zeros((K, 0, 0))
-        watch(self.cloud, outputs, self.drive, space, self.seed, none, scratch, trace)
+        write_particle_outputs(
+            self.cloud, outputs, self.drive, space, self.seed, none, scratch, trace
+        )
 
     def distances(self, table: RangeTable) -> tuple[Floats, Floats]:
         """Distance of each range by each particle, and its variance within: (n, Q) twice."""
         h = np.empty((table.stamp.size, self.cloud.log_weight.size))
-        separations(self.cloud.x, self.problem.lever, table, h)
+        particle_distances(self.cloud.x, self.problem.lever, table, h)
         return h, np.zeros(h.shape)
 
     def message(self, table: RangeTable, h: Floats, _: Indices) -> Floats:
@@ -115,31 +124,33 @@ class Points:
         self.cloud.log_weight[:] = -math.log(source.size)
 
 
-def points(problem: Problem, settings: FilterSettings, rounds: Rounds) -> Points:
+def make_particle_member(
+    problem: Problem, settings: FilterSettings, rounds: Rounds
+) -> ParticleMember:
     """What every robot starts with."""
     Q, D, seed = settings.dpf.particles, len(problem.drivers), settings.dpf.seed
     if problem.prior is None:
         raise ValueError("nothing to start from")
-    x = samples(problem.prior, Q, np.random.default_rng(seed))
-    cloud = Cloud(
+    x = sample_prior(problem.prior, Q, np.random.default_rng(seed))
+    cloud = SharedParticles(
         x,
         np.full(Q, -math.log(Q)),
         np.full(D, problem.start),
         problem.segments.first[:-1].copy(),
     )
-    drive = cut(problem.segments, problem.start, rounds.end)
+    drive = cut_at_rounds(problem.segments, problem.start, rounds.end)
     cloud.cursor[:] = drive.first[:-1]
-    return Points(problem, rounds.end, drive, np.uint64(seed), cloud)
+    return ParticleMember(problem, rounds.end, drive, np.uint64(seed), cloud)
 
 
-def copies(points: Points, offset: float) -> Indices | None:
+def draw_copies(points: ParticleMember, offset: float) -> Indices | None:
     """Which particles to copy, (Q,), by a comb of Q teeth; None while the weights are even enough.
 
     Systematic resampling with an offset in [0, 1).
     """
     log_weight = points.cloud.log_weight
     Q = log_weight.size
-    if effective(log_weight) >= ENOUGH * Q:
+    if effective_sample_size(log_weight) >= MIN_EFFECTIVE_SHARE * Q:
         return None
     reached = np.cumsum(np.exp(log_weight))
     source = np.searchsorted(reached, (np.arange(Q) + offset) / Q * reached[-1], side="right")
@@ -147,25 +158,25 @@ def copies(points: Points, offset: float) -> Indices | None:
     return taken
 
 
-@lean
-def separations(x: Floats, lever: Floats, table: RangeTable, h: Floats) -> None:
+@compiled_noalloc
+def particle_distances(x: Floats, lever: Floats, table: RangeTable, h: Floats) -> None:
     """Distance of each range by each particle into h (n, Q)."""
     for m in range(table.stamp.size):
         px, py = table.anchor[m, 0], table.anchor[m, 1]
         for q in range(x.shape[0]):
-            h[m, q] = distance_of(x[q], lever, table.a[m], table.b[m], px, py)
+            h[m, q] = predict_distance(x[q], lever, table.a[m], table.b[m], px, py)
 
 
-@lean
-def watch(
-    cloud: Cloud, outputs: Outputs, drive: Drive, space: Space, seed: np.uint64, none: Floats,
-    scratch: Floats, trace: Trace,
+@compiled_noalloc
+def write_particle_outputs(
+    cloud: SharedParticles, outputs: Outputs, drive: RoundTwists, space: StateSpace, seed: np.uint64, none: Floats,
+    scratch: Floats, trace: MixtureOutput,
 ) -> None:  # fmt: skip
     """Moments and leading share of each output's block at its time."""
     w, x = cloud.log_weight, cloud.x
     for o in range(outputs.stamp.size):
         i = outputs.robot[o]
-        advance_all(cloud, outputs.stamp[o], drive, space, seed)
-        moments(w, x, none, w.size, i, trace.mean[o], trace.covariance[o])
-        share = cloud_share(w, x, i, trace.covariance[o], scratch)
-        trace.share[o] = 1.0 if share >= 1.0 - STRAY else share
+        propagate_shared(cloud, outputs.stamp[o], drive, space, seed)
+        mixture_block_moments(w, x, none, w.size, i, trace.mean[o], trace.covariance[o])
+        share = particle_mode_probability(w, x, i, trace.covariance[o], scratch)
+        trace.share[o] = 1.0 if share >= 1.0 - MAX_STRAY_WEIGHT else share

@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.core.recording import Floats, Indices, Stamps
-from clt.jit.compiled import lean
-from clt.model.inputs import RangeTable, Segments
+from clt.jit.compiled import compiled_noalloc
+from clt.model.inputs import RangeTable, TwistSegments
 from clt.model.problem import Problem
-from clt.model.range_model import distance_of
-from clt.model.state_space import Space, move, twist
+from clt.model.range_model import predict_distance
+from clt.model.state_space import StateSpace, corrected_twist, move_blocks
 
 Bools = NDArray[np.bool_]
 
 
-ANYHOW = np.pi**2
+UNKNOWN_HEADING_VARIANCE = np.pi**2
 """Variance of a heading of which nothing is known, and more, rad^2."""
 
 
@@ -42,7 +42,7 @@ class Rounds(NamedTuple):
     """One row for each ordered pair: only its ends and `anchor` mean something."""
 
 
-class Path(NamedTuple):
+class PropagatedState(NamedTuple):
     """One state and how far its drivers are: where odometry goes on from."""
 
     x: Floats
@@ -53,7 +53,7 @@ class Path(NamedTuple):
     """(D,)."""
 
 
-def rounds_of(problem: Problem, interval: float) -> Rounds:
+def make_rounds(problem: Problem, interval: float) -> Rounds:
     """Rounds of `interval` s, counted from the start; with 0 one for each instant of ranges."""
     ranges, space = problem.ranges, problem.space
     step = max(round(interval * 1e9), 1)
@@ -72,7 +72,7 @@ def rounds_of(problem: Problem, interval: float) -> Rounds:
     )
 
 
-class Silent(NamedTuple):
+class Outage(NamedTuple):
     """Drivers that a robot does not hear from one time to another, and what is known of them."""
 
     drivers: Indices
@@ -82,7 +82,7 @@ class Silent(NamedTuple):
     last: Stamps
     """When each was heard last, ns, (n,)."""
     usual: Floats
-    """See `usual`, (n, 3)."""
+    """See `twist_statistics`, (n, 3)."""
 
     def squares(self) -> tuple[Floats, Floats]:
         """Time since each was heard last, squared, at the beginning and at the end, s^2, (n,)."""
@@ -97,14 +97,16 @@ class Silent(NamedTuple):
 
     def lost(self) -> tuple[Floats, Floats]:
         """Variance of each one's heading at the beginning and at the end, rad^2, (n,)."""
-        before, after = (np.minimum(self.usual[:, 2] * t, ANYHOW) for t in self.squares())
+        before, after = (
+            np.minimum(self.usual[:, 2] * t, UNKNOWN_HEADING_VARIANCE) for t in self.squares()
+        )
         return before, after
 
 
-def usual(problem: Problem) -> Floats:
+def twist_statistics(problem: Problem) -> Floats:
     """Of each driver: mean square of v, and how much v and omega change in the long run.
 
-    Shape (D, 3), (m/s)^2 and (rad/s)^2: twice their variances, as `inputs.change` has it.
+    Shape (D, 3), (m/s)^2 and (rad/s)^2: twice their variances, as `inputs.structure_function` has it.
     """
     segments, rows_ = problem.segments, []
     for first, last in zip(segments.first[:-1], segments.first[1:], strict=True):
@@ -114,7 +116,7 @@ def usual(problem: Problem) -> Floats:
     return np.array(rows_)
 
 
-def unheard(problem: Problem, silent: Silent, *, straight: bool) -> Problem:
+def extrapolate_odometry(problem: Problem, silent: Outage, *, straight: bool) -> Problem:
     """The problem as known to a robot that does not hear some drivers.
 
     Their last twist is held, with an error that stays what it is: its variance at any time is that
@@ -142,22 +144,26 @@ def unheard(problem: Problem, silent: Silent, *, straight: bool) -> Problem:
     return replace(problem, segments=known)
 
 
-def rows(table: RangeTable, which: Indices | Bools | slice) -> RangeTable:
+def select_ranges(table: RangeTable, which: Indices | Bools | slice) -> RangeTable:
     """Some rows of a table."""
     return RangeTable._make(np.ascontiguousarray(column[which]) for column in table)
 
 
-def at_the_end(path: Path, own: RangeTable, end: int, problem: Problem) -> RangeTable:
+def ranges_at_round_end(
+    path: PropagatedState, own: RangeTable, end: int, problem: Problem
+) -> RangeTable:
     """Ranges of one robot, as if measured at the end (ns) of their round.
 
     `path` is what the robot believes at the end of the round before.
     """
     if np.all(own.stamp == end):
         return own
-    path = Path(path.x.copy(), path.time.copy(), path.cursor.copy())
+    path = PropagatedState(path.x.copy(), path.time.copy(), path.cursor.copy())
     change, added = np.empty(own.stamp.size), np.empty(own.stamp.size)
     way = np.zeros(len(problem.drivers))
-    follow(path, problem.space, problem.lever, problem.segments, own, end, way, change, added)
+    distance_changes(
+        path, problem.space, problem.lever, problem.segments, own, end, way, change, added
+    )
     return own._replace(
         stamp=np.full(own.stamp.size, end),
         range=own.range + change,
@@ -166,16 +172,18 @@ def at_the_end(path: Path, own: RangeTable, end: int, problem: Problem) -> Range
     )
 
 
-@lean
-def drive(path: Path, d: int, until: int, segments: Segments, space: Space) -> float:
+@compiled_noalloc
+def drive_along_odometry(
+    path: PropagatedState, d: int, until: int, segments: TwistSegments, space: StateSpace
+) -> float:
     """Driver d along its odometry to `until` (ns); returns the variance of its way, m^2."""
     added = 0.0
     while path.time[d] < until and path.cursor[d] < segments.first[d + 1]:
         s = path.cursor[d]
         stop = min(until, segments.end[s])
         dt = (stop - path.time[d]) * 1e-9
-        v, omega = twist(path.x, space, d, segments.v[s], segments.omega[s])
-        move(path.x, space, d, v, omega, dt)
+        v, omega = corrected_twist(path.x, space, d, segments.v[s], segments.omega[s])
+        move_blocks(path.x, space, d, v, omega, dt)
         added += segments.var_v[s] * segments.interval[s] * dt
         path.time[d] = stop
         if stop == segments.end[s]:
@@ -184,9 +192,9 @@ def drive(path: Path, d: int, until: int, segments: Segments, space: Space) -> f
     return added
 
 
-@lean
-def follow(
-    path: Path, space: Space, lever: Floats, segments: Segments, own: RangeTable, end: int,
+@compiled_noalloc
+def distance_changes(
+    path: PropagatedState, space: StateSpace, lever: Floats, segments: TwistSegments, own: RangeTable, end: int,
     way: Floats, change: Floats, added: Floats,
 ) -> None:  # fmt: skip
     """How much the distance of each range changes until `end` (ns), and the variance of that.
@@ -196,21 +204,21 @@ def follow(
     for m in range(own.stamp.size + 1):
         until = own.stamp[m] if m < own.stamp.size else end
         for d in range(way.size):
-            way[d] += drive(path, d, until, segments, space)
+            way[d] += drive_along_odometry(path, d, until, segments, space)
         if m < own.stamp.size:
-            change[m], added[m] = look(path.x, space, lever, own, m, way)
+            change[m], added[m] = distance_and_variance(path.x, space, lever, own, m, way)
     for m in range(own.stamp.size):
-        h, variance = look(path.x, space, lever, own, m, way)
+        h, variance = distance_and_variance(path.x, space, lever, own, m, way)
         change[m], added[m] = h - change[m], variance - added[m]
 
 
-@lean
-def look(
-    x: Floats, space: Space, lever: Floats, own: RangeTable, m: int, way: Floats
+@compiled_noalloc
+def distance_and_variance(
+    x: Floats, space: StateSpace, lever: Floats, own: RangeTable, m: int, way: Floats
 ) -> tuple[float, float]:
     """Distance of range m at x, and the variance of the ways of its two ends."""
     a, b = own.a[m], own.b[m]
-    h = distance_of(x, lever, a, b, own.anchor[m, 0], own.anchor[m, 1])
+    h = predict_distance(x, lever, a, b, own.anchor[m, 0], own.anchor[m, 1])
     one = space.who[a] if a >= 0 else space.base[b]
     two = space.who[b] if b >= 0 else space.base[a]
     return h, way[one] + way[two]

@@ -12,32 +12,38 @@ from dataclasses import dataclass
 import numpy as np
 
 from clt.core.recording import Floats, Indices, Stamps
-from clt.filters.distributed.consensus import Bools, Network, links, network
-from clt.filters.distributed.gaussians import Gaussians, gaussians
-from clt.filters.distributed.points import Points, points
-from clt.filters.distributed.rounds import Path, Rounds, Silent, rounds_of, usual
-from clt.filters.mixture.gaussian_sum import Trace, make_trace
+from clt.filters.distributed.consensus import Bools, LossyNetwork, communication_links, make_network
+from clt.filters.distributed.gaussians import GaussianMember, make_gaussian_member
+from clt.filters.distributed.points import ParticleMember, make_particle_member
+from clt.filters.distributed.rounds import (
+    Outage,
+    PropagatedState,
+    Rounds,
+    make_rounds,
+    twist_statistics,
+)
+from clt.filters.mixture.gaussian_sum import MixtureOutput, make_mixture_output
 from clt.model.problem import Problem
 from clt.model.settings import FilterSettings
 
-Member = Points | Gaussians
-SILENCE = 1_000_000_000
+DistributedMember = ParticleMember | GaussianMember
+MAX_SILENCE_NS = 1_000_000_000
 """A robot without odometry for longer than this, ns, has dropped out ..."""
-SLOW = 3
+MAX_SILENT_SAMPLES = 3
 """... unless it is a usual time between its samples: longer than so many of them."""
 SAMPLE_BYTES = 40
 """Of one odometry sample as sent: stamp, v, omega and their variances."""
 
 
 @dataclass(frozen=True)
-class Team:
+class DistributedTeam:
     """All M robots of a run, in the order of the problem's drivers: the ego is the first."""
 
     problem: Problem
     settings: FilterSettings
     rounds: Rounds
-    members: list[Member]
-    paths: list[Path]
+    members: list[DistributedMember]
+    paths: list[PropagatedState]
     """Where each was at the end of the last round."""
     line: Indices
     """Robots with the same number hold beliefs that come from one another, (M,)."""
@@ -51,36 +57,36 @@ class Team:
     """Who may hear whom, (M, M)."""
     apart: Indices
     """How long each that was there could not reach the ego so far, ns, (M,)."""
-    net: Network
+    net: LossyNetwork
     draw: np.random.Generator
-    trace: Trace
+    trace: MixtureOutput
 
 
-def assemble(problem: Problem, settings: FilterSettings) -> Team:
+def assemble_team(problem: Problem, settings: FilterSettings) -> DistributedTeam:
     """Every robot at the start."""
     own = settings.dpf
-    rounds, M = rounds_of(problem, own.interval), len(problem.drivers)
-    make = points if own.likelihood == "shared" else gaussians
-    members: list[Member] = [make(problem, settings, rounds) for _ in range(M)]
-    return Team(
+    rounds, M = make_rounds(problem, own.interval), len(problem.drivers)
+    make = make_particle_member if own.likelihood == "shared" else make_gaussian_member
+    members: list[DistributedMember] = [make(problem, settings, rounds) for _ in range(M)]
+    return DistributedTeam(
         problem,
         settings,
         rounds,
         members,
         [member.path() for member in members],
         np.zeros(M, np.int64),
-        present(problem, rounds),
+        robots_present(problem, rounds),
         np.full((M, M), problem.start),
-        usual(problem),
-        links(own.graph, problem.drivers),
+        twist_statistics(problem),
+        communication_links(own.graph, problem.drivers),
         np.zeros(M, np.int64),
-        network(M, own.loss, own.seed),
+        make_network(M, own.loss, own.seed),
         np.random.default_rng([own.seed, 2]),
-        make_trace(problem.outputs, problem.ranges),
+        make_mixture_output(problem.outputs, problem.ranges),
     )
 
 
-def reunite(team: Team, parts: Sequence[Indices], up: Bools) -> None:
+def merge_groups(team: DistributedTeam, parts: Sequence[Indices], up: Bools) -> None:
     """Whoever comes to a group takes over the belief of its largest part from a neighbour."""
     M = len(team.members)
     line = M + np.arange(M)
@@ -90,7 +96,7 @@ def reunite(team: Team, parts: Sequence[Indices], up: Bools) -> None:
         asks = [int(r) for r in group if team.line[r] != common]
         while len(asks) > 0:
             giver, r = next((i, j) for j in asks for i in knows if up[i, j])
-            team.members[r] = adopted(team.members[r], team.members[giver])
+            team.members[r] = adopt_belief(team.members[r], team.members[giver])
             team.paths[r] = team.paths[giver]
             team.heard[r] = team.heard[giver]
             team.net.hand_over(giver, r, team.members[r].size)
@@ -100,16 +106,16 @@ def reunite(team: Team, parts: Sequence[Indices], up: Bools) -> None:
     team.line[:] = line
 
 
-def adopted(member: Member, giver: Member) -> Member:
+def adopt_belief(member: DistributedMember, giver: DistributedMember) -> DistributedMember:
     """A robot with the belief of another; all of a team hold the same kind."""
-    if isinstance(member, Points) and isinstance(giver, Points):
+    if isinstance(member, ParticleMember) and isinstance(giver, ParticleMember):
         return member.adopt(giver)
-    if isinstance(member, Gaussians) and isinstance(giver, Gaussians):
+    if isinstance(member, GaussianMember) and isinstance(giver, GaussianMember):
         return member.adopt(giver)
     raise TypeError("robots of one team hold beliefs of one kind")
 
 
-def separate(team: Team, parts: Sequence[Indices], since: int, until: int) -> None:
+def apply_outages(team: DistributedTeam, parts: Sequence[Indices], since: int, until: int) -> None:
     """Take from every robot the odometry of those who are not in its group, until a time (ns)."""
     M = len(team.members)
     for r in range(M):
@@ -117,11 +123,11 @@ def separate(team: Team, parts: Sequence[Indices], since: int, until: int) -> No
         team.heard[r, group] = since
         if group.size < M:
             others = np.setdiff1d(np.arange(M), group)
-            silent = Silent(others, since, until, team.heard[r, others], team.usual[others])
+            silent = Outage(others, since, until, team.heard[r, others], team.usual[others])
             team.members[r] = team.members[r].without(silent)
 
 
-def hearing(team: Team) -> Bools:
+def links_in_reach(team: DistributedTeam) -> Bools:
     """The links within reach, by the distances that the first robot believed in last, (M, M)."""
     position = np.zeros((len(team.members), 2))
     x = team.paths[0].x[: 3 * len(team.problem.robots)].reshape(-1, 3)
@@ -131,7 +137,7 @@ def hearing(team: Team) -> Bools:
     return up
 
 
-def present(problem: Problem, rounds: Rounds) -> Bools:
+def robots_present(problem: Problem, rounds: Rounds) -> Bools:
     """Who is heard in each of the K rounds: with ranges in it, or odometry of late, (K, M)."""
     segments, M = problem.segments, len(problem.drivers)
     there = np.ones((rounds.end.size, M), np.bool_)
@@ -140,12 +146,16 @@ def present(problem: Problem, rounds: Rounds) -> Bools:
         if end.size > 0:
             step = np.diff(end, prepend=problem.start)
             within = np.minimum(np.searchsorted(end, rounds.end), end.size - 1)
-            there[:, d] = step[within] <= max(SILENCE, SLOW * float(np.median(step)))
+            there[:, d] = step[within] <= max(
+                MAX_SILENCE_NS, MAX_SILENT_SAMPLES * float(np.median(step))
+            )
     there[np.repeat(np.arange(rounds.end.size), np.diff(rounds.first)), rounds.owner] = True
     return there
 
 
-def exchange_odometry(team: Team, group: Indices, since: int, now: int, up: Bools) -> None:
+def count_odometry_traffic(
+    team: DistributedTeam, group: Indices, since: int, now: int, up: Bools
+) -> None:
     """Count the samples of one round, which all of a group get from each other."""
     segments = team.problem.segments
     for r in group:
@@ -155,7 +165,9 @@ def exchange_odometry(team: Team, group: Indices, since: int, now: int, up: Bool
             team.net.flood(int(r), up, group, SAMPLE_BYTES, int(high - low))
 
 
-def count_apart(team: Team, parts: Sequence[Indices], k: int, since: int, now: int) -> None:
+def count_unreachable(
+    team: DistributedTeam, parts: Sequence[Indices], k: int, since: int, now: int
+) -> None:
     """Add round k to the time (ns) that robots could not reach the ego, if both were there."""
     for group in parts:
         if 0 in group:
@@ -164,10 +176,10 @@ def count_apart(team: Team, parts: Sequence[Indices], k: int, since: int, now: i
             team.apart[out] += now - since
 
 
-def out_of_reach(team: Team) -> dict[str, float]:
-    """Seconds in all that robots could not reach the ego, of those with more than SILENCE."""
+def unreachable_seconds(team: DistributedTeam) -> dict[str, float]:
+    """Seconds in all that robots could not reach the ego, of those with more than MAX_SILENCE_NS."""
     return {
         name: 1e-9 * float(apart)
         for name, apart in zip(team.problem.drivers, team.apart, strict=True)
-        if apart > SILENCE
+        if apart > MAX_SILENCE_NS
     }

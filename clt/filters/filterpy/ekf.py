@@ -14,33 +14,44 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
 from clt.core.recording import Floats, Indices
-from clt.filters.filterpy.model import Clock, jacobian, moved, noise, transition
-from clt.filters.filterpy.run import judge, run
-from clt.filters.kalman.eskf import USED
-from clt.filters.kalman.free import exchange, find, free_of, wanted
-from clt.filters.kalman.gaussian import process_form
-from clt.filters.kalman.reacquisition import follow
+from clt.filters.filterpy.model import (
+    SegmentClock,
+    moved_state,
+    range_jacobian,
+    step_jacobian,
+    step_noise,
+)
+from clt.filters.filterpy.run import gate_ranges, run_filterpy
+from clt.filters.kalman.eskf import RANGE_USED
+from clt.filters.kalman.free import (
+    directions_for_problem,
+    find_unobservable,
+    replace_unobservable,
+    use_first_estimates,
+)
+from clt.filters.kalman.gaussian import process_noise_form
+from clt.filters.kalman.reacquisition import solve_with_search
 from clt.model.problem import Problem
 from clt.model.settings import FilterSettings
 from clt.model.solution import Solution
-from clt.model.state_space import WORLD
-from clt.model.unicycle import SHI
+from clt.model.state_space import WORLD_REFERENCE
+from clt.model.unicycle import SHI_NOISE
 
 
-class TeamFilter(ExtendedKalmanFilter):  # type: ignore[misc]
+class TeamEkf(ExtendedKalmanFilter):  # type: ignore[misc]
     """filterpy's EKF with the team's motion as its prediction of the mean."""
 
     def __init__(self, problem: Problem, settings: FilterSettings, *, hold: bool) -> None:
         super().__init__(dim_x=problem.mean.size, dim_z=1)
         self.x, self.P = problem.mean.copy(), problem.covariance.copy()
         self.problem, self.space = problem, problem.space
-        self.shi = process_form(problem, settings) == SHI
-        self.clock = Clock(problem.segments, problem.space, problem.start)
+        self.shi = process_noise_form(problem, settings) == SHI_NOISE
+        self.clock = SegmentClock(problem.segments, problem.space, problem.start)
         kept = problem.memory
-        relative = bool(np.any(problem.space.base != WORLD))
+        relative = bool(np.any(problem.space.base != WORLD_REFERENCE))
         self.first = hold and not relative
         self.shift = kept.copy() if isinstance(kept, np.ndarray) else np.zeros(self.x.size)
-        self.free = free_of(problem, hold and relative)
+        self.free = directions_for_problem(problem, hold and relative)
         self.after = self.x
 
     def predict_x(self, u: float = 0.0) -> None:  # noqa: ARG002 - filterpy's signature
@@ -56,39 +67,41 @@ class TeamFilter(ExtendedKalmanFilter):  # type: ignore[misc]
             x, F, Q = self.x, np.eye(self.dim_x), np.zeros((self.dim_x, self.dim_x))
             for piece in pieces:
                 if piece is not None:
-                    before, x = x, moved(x, self.space, [piece])
-                    step = transition(x, before - self.shift, self.space, piece)
+                    before, x = x, moved_state(x, self.space, [piece])
+                    step = step_jacobian(x, before - self.shift, self.space, piece)
                     self.shift[3 * piece.d : 3 * piece.d + 2] = 0.0
                     F = step @ F
-                    Q = step @ Q @ step.T + noise(x, self.space, piece, shi=self.shi)
+                    Q = step @ Q @ step.T + step_noise(x, self.space, piece, shi=self.shi)
             self.after, self.F, self.Q = x, F, Q
             self.predict()
 
     def correct(self, rows: slice, gate: float) -> tuple[Floats, Floats, Indices]:
         """Gate and fuse the ranges `rows` of one instant: residual, its variance, verdict."""
         ranges, lever = self.problem.ranges, self.problem.lever
-        h, H = jacobian(self.x, lever, ranges, rows)
+        h, H = range_jacobian(self.x, lever, ranges, rows)
         z = ranges.range[rows]
         r, S = z - h, np.einsum("mi,ij,mj->m", H, self.P, H) + ranges.variance[rows]
-        verdict = judge(r, S, gate)
-        use = np.flatnonzero(verdict == USED)
+        verdict = gate_ranges(r, S, gate)
+        use = np.flatnonzero(verdict == RANGE_USED)
         if use.size > 0:
             R = np.diag(ranges.weight_variance[rows][use])
             before = self.x
             instant = ranges, rows.start, rows.stop, self.problem.segments, self.clock.cursor
-            turns = find(self.x, self.P, self.space, *instant, self.free)
+            turns = find_unobservable(self.x, self.P, self.space, *instant, self.free)
             self.update(z[use], lambda _: H[use], lambda _: h[use], R=R)
-            exchange(self.x, self.P, self.space, *instant, self.free, turns)
+            replace_unobservable(self.x, self.P, self.space, *instant, self.free, turns)
             self.shift += self.first * (self.x - before)
         return r, S, verdict
 
 
-def solve_ekf(problem: Problem, settings: FilterSettings) -> Solution:
+def solve_team_ekf(problem: Problem, settings: FilterSettings) -> Solution:
     """The numbers of `gaussian.solve_ekf`."""
-    return follow(problem, settings, partial(solve, hold=wanted(problem, settings)))
+    return solve_with_search(
+        problem, settings, partial(filter_team_ekf, hold=use_first_estimates(problem, settings))
+    )
 
 
-def solve(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
+def filter_team_ekf(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
     """Run the filter alone."""
-    team = TeamFilter(problem, settings, hold=hold)
-    return replace(run(team, problem, settings.gate), memory=team.shift)
+    team = TeamEkf(problem, settings, hold=hold)
+    return replace(run_filterpy(team, problem, settings.gate), memory=team.shift)

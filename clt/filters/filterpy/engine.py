@@ -10,15 +10,15 @@ from clt.model.settings import FilterSettings
 from clt.model.solution import Solution
 
 
-def solve_ekf(problem: Problem, settings: FilterSettings) -> Solution:
+def solve_filterpy_ekf(problem: Problem, settings: FilterSettings) -> Solution:
     """Run filterpy's extended Kalman filter on a problem; the numbers of `gaussian.solve_ekf`."""
-    from clt.filters.filterpy.ekf import solve_ekf as solve  # noqa: PLC0415 - takes long
+    from clt.filters.filterpy.ekf import solve_team_ekf as solve  # noqa: PLC0415 - takes long
 
     return solve(problem, settings)
 
 
-def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:
+def solve_filterpy_ukf(problem: Problem, settings: FilterSettings) -> Solution:
     """Run filterpy's unscented Kalman filter on a problem; the numbers of `ukf.solve_ukf`."""
-    from clt.filters.filterpy.ukf import solve_ukf as solve  # noqa: PLC0415 - takes long
+    from clt.filters.filterpy.ukf import solve_team_ukf as solve  # noqa: PLC0415 - takes long
 
     return solve(problem, settings)

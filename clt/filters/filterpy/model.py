@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.core.recording import Floats
-from clt.model.inputs import RangeTable, Segments
-from clt.model.state_space import AT_REST, Space
+from clt.model.inputs import RangeTable, TwistSegments
+from clt.model.state_space import MAX_STANDSTILL_TWIST, StateSpace
 
 
-class Piece(NamedTuple):
+class MotionStep(NamedTuple):
     """A time over which the twist of driver d stays constant."""
 
     d: int
@@ -35,12 +35,12 @@ class Piece(NamedTuple):
     """To the turn, rad^2."""
 
 
-class Clock:
+class SegmentClock:
     """Which segment each driver is in, and how far through it."""
 
-    def __init__(self, segments: Segments, space: Space, start: int) -> None:
+    def __init__(self, segments: TwistSegments, space: StateSpace, start: int) -> None:
         self.segments = segments
-        self.blocks = [blocks_of(space, d) for d in range(segments.first.size - 1)]
+        self.blocks = [driver_blocks(space, d) for d in range(segments.first.size - 1)]
         self.time = np.full(segments.first.size - 1, start)
         self.cursor = segments.first[:-1].copy()
 
@@ -49,7 +49,7 @@ class Clock:
         k = self.cursor[d]
         return until if k >= self.segments.first[d + 1] else min(until, int(self.segments.end[k]))
 
-    def piece(self, d: int, until: int) -> Piece | None:
+    def piece(self, d: int, until: int) -> MotionStep | None:
         """The next piece of driver d towards `until`, or None where it stands."""
         s, k = self.segments, self.cursor[d]
         stop, begin = self.stop(d, until), int(self.time[d])
@@ -60,35 +60,35 @@ class Clock:
         dt = (stop - begin) * 1e-9
         held = s.interval[k] * dt
         twist = float(s.v[k]), float(s.omega[k])
-        return Piece(d, self.blocks[d], *twist, dt, held * s.var_v[k], held * s.var_omega[k])
+        return MotionStep(d, self.blocks[d], *twist, dt, held * s.var_v[k], held * s.var_omega[k])
 
 
-def blocks_of(space: Space, d: int) -> tuple[tuple[int, bool], ...]:
+def driver_blocks(space: StateSpace, d: int) -> tuple[tuple[int, bool], ...]:
     """The blocks that driver d moves, and whether forwards."""
     rows = slice(space.first[d], space.first[d + 1])
     forward = (space.forward[rows] == 1).tolist()
     return tuple(zip(space.block[rows].tolist(), forward, strict=True))
 
 
-def erring(space: Space, piece: Piece) -> bool:
+def has_odometry_errors(space: StateSpace, piece: MotionStep) -> bool:
     """Whether the state knows errors of the piece's odometry: wheels at rest have none."""
-    still = abs(piece.v) < AT_REST and abs(piece.omega) < AT_REST
+    still = abs(piece.v) < MAX_STANDSTILL_TWIST and abs(piece.omega) < MAX_STANDSTILL_TWIST
     return bool(space.calibration[piece.d] >= 0) and not still
 
 
-def twist(x: Floats, space: Space, piece: Piece) -> tuple[float, float]:
+def step_twist(x: Floats, space: StateSpace, piece: MotionStep) -> tuple[float, float]:
     """The twist of a piece less the errors that the state knows."""
-    if not erring(space, piece):
+    if not has_odometry_errors(space, piece):
         return piece.v, piece.omega
     scale_v, scale_omega, bias = x[space.calibration[piece.d] :][:3]
     return (1.0 + scale_v) * piece.v, (1.0 + scale_omega) * piece.omega + bias
 
 
-def moved(x: Floats, space: Space, pieces: Iterable[Piece]) -> Floats:
+def moved_state(x: Floats, space: StateSpace, pieces: Iterable[MotionStep]) -> Floats:
     """The state after some pieces."""
     y = x.tolist()
     for piece in pieces:
-        v, omega = twist(x, space, piece)
+        v, omega = step_twist(x, space, piece)
         turn = omega * piece.dt
         chord = v * piece.dt * (math.sin(0.5 * turn) / (0.5 * turn) if turn != 0.0 else 1.0)
         for i, forward in piece.blocks:
@@ -103,9 +103,9 @@ def moved(x: Floats, space: Space, pieces: Iterable[Piece]) -> Floats:
     return np.array(y)
 
 
-def gains(x: Floats, space: Space, piece: Piece) -> Floats:
+def step_noise_gains(x: Floats, space: StateSpace, piece: MotionStep) -> Floats:
     """Derivatives of the state by the piece's (v dt, omega dt), at x after it, shape (N, 2)."""
-    v, omega = twist(x, space, piece)
+    v, omega = step_twist(x, space, piece)
     half, reach = 0.5 * omega * piece.dt, 0.5 * v * piece.dt
     G = np.zeros((x.size, 2))
     for i, forward in piece.blocks:
@@ -119,9 +119,9 @@ def gains(x: Floats, space: Space, piece: Piece) -> Floats:
     return G
 
 
-def noise(x: Floats, space: Space, piece: Piece, *, shi: bool) -> Floats:
+def step_noise(x: Floats, space: StateSpace, piece: MotionStep, *, shi: bool) -> Floats:
     """Q (N, N) of a piece, at x after it; `shi`: the paper's diagonal of absolute poses."""
-    G = gains(x, space, piece)
+    G = step_noise_gains(x, space, piece)
     Q: Floats = (G * (piece.q_v, piece.q_omega)) @ G.T
     if shi:
         theta = 3 * piece.d + 2
@@ -130,10 +130,10 @@ def noise(x: Floats, space: Space, piece: Piece, *, shi: bool) -> Floats:
     return Q
 
 
-def transition(x: Floats, before: Floats, space: Space, piece: Piece) -> Floats:
+def step_jacobian(x: Floats, before: Floats, space: StateSpace, piece: MotionStep) -> Floats:
     """F (N, N): derivatives of the state x after a piece by that `before` it."""
     F = np.eye(x.size)
-    _, omega = twist(x, space, piece)
+    _, omega = step_twist(x, space, piece)
     for i, forward in piece.blocks:
         X = 3 * i
         if forward:
@@ -141,25 +141,29 @@ def transition(x: Floats, before: Floats, space: Space, piece: Piece) -> Floats:
         else:
             turn = cmath.rect(1.0, -omega * piece.dt)
             F[X : X + 2, X : X + 2] = [[turn.real, -turn.imag], [turn.imag, turn.real]]
-    if erring(space, piece):
+    if has_odometry_errors(space, piece):
         s = space.calibration[piece.d]
-        way, turn = gains(x, space, piece).T
+        way, turn = step_noise_gains(x, space, piece).T
         F[:, s] += way * piece.v * piece.dt
         F[:, s + 1] += turn * piece.omega * piece.dt
         F[:, s + 2] += turn * piece.dt
     return F
 
 
-def antennas(x: Floats, lever: Floats) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+def antenna_positions(
+    x: Floats, lever: Floats
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Antenna of each block in the states x (..., N) and its arm from the pose, shape (..., B)."""
     X, Y, T = (x[..., k : 3 * lever.shape[0] : 3] for k in range(3))
     arm = (lever[:, 0] + 1j * lever[:, 1]) * np.exp(1j * T)
     return X + 1j * Y + arm, arm
 
 
-def lines(x: Floats, lever: Floats, ranges: RangeTable, rows: slice) -> NDArray[np.complex128]:
+def range_vectors(
+    x: Floats, lever: Floats, ranges: RangeTable, rows: slice
+) -> NDArray[np.complex128]:
     """From the second end of each of the ranges `rows` to the first, states (..., N): (..., m)."""
-    place, _ = antennas(x, lever)
+    place, _ = antenna_positions(x, lever)
     a, b = ranges.a[rows], ranges.b[rows]
     fixed = ranges.anchor[rows, 0] + 1j * ranges.anchor[rows, 1]
     line: NDArray[np.complex128] = np.where(a < 0, fixed, place[..., np.maximum(a, 0)])
@@ -167,12 +171,14 @@ def lines(x: Floats, lever: Floats, ranges: RangeTable, rows: slice) -> NDArray[
     return line
 
 
-def jacobian(x: Floats, lever: Floats, ranges: RangeTable, rows: slice) -> tuple[Floats, Floats]:
+def range_jacobian(
+    x: Floats, lever: Floats, ranges: RangeTable, rows: slice
+) -> tuple[Floats, Floats]:
     """Distances h (m,) of the ranges `rows` and their derivatives H (m, N)."""
-    line = lines(x, lever, ranges, rows)
+    line = range_vectors(x, lever, ranges, rows)
     h = np.abs(line)
     e = line / np.where(h < 1e-9, np.inf, h)
-    _, arm = antennas(x, lever)
+    _, arm = antenna_positions(x, lever)
     H = np.zeros((h.size, x.size))
     for ends, sign in ((ranges.a[rows], 1.0), (ranges.b[rows], -1.0)):
         m = np.flatnonzero(ends >= 0)

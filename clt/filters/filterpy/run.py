@@ -6,29 +6,29 @@ from typing import Protocol
 
 import numpy as np
 
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.core.recording import Floats, Indices
-from clt.filters.filterpy.model import Clock
-from clt.filters.kalman.eskf import REJECTED, USED
-from clt.filters.kalman.free import Free, add_bend, find_bend
-from clt.filters.kalman.gaussian import single
+from clt.filters.filterpy.model import SegmentClock
+from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
+from clt.filters.kalman.free import UnobservableDirections, add_turn_curvature, find_turn_variance
+from clt.filters.kalman.gaussian import single_gaussian
 from clt.model.problem import Problem
 from clt.model.solution import Solution
-from clt.model.state_space import Space
+from clt.model.state_space import StateSpace
 
 
-def judge(r: Floats, S: Floats, gate: float) -> Indices:
+def gate_ranges(r: Floats, S: Floats, gate: float) -> Indices:
     """Verdict on ranges of one instant by their residuals r and the variances S of these."""
-    return np.where((r * r <= gate * S) | (gate <= 0.0), USED, REJECTED)
+    return np.where((r * r <= gate * S) | (gate <= 0.0), RANGE_USED, RANGE_REJECTED)
 
 
-class Team(Protocol):
+class FilterpyTeam(Protocol):
     """A filter of filterpy's with the motion and the ranges of a team."""
 
     x: Floats
     P: Floats
-    clock: Clock
-    free: Free
+    clock: SegmentClock
+    free: UnobservableDirections
 
     def advance(self, until: int, drivers: set[int]) -> None:
         """Predict until the given drivers, at least, are at the time `until` (ns)."""
@@ -37,7 +37,7 @@ class Team(Protocol):
         """Gate and fuse the ranges `rows` of one instant: residual, its variance, verdict."""
 
 
-def touched(space: Space, ends: Indices, others: Indices) -> set[int]:
+def drivers_of_ranges(space: StateSpace, ends: Indices, others: Indices) -> set[int]:
     """Drivers that the ranges from the blocks `ends` (none if negative) to `others` depend on.
 
     A range between two blocks of one base does not depend on where the base is.
@@ -47,7 +47,7 @@ def touched(space: Space, ends: Indices, others: Indices) -> set[int]:
     return {*space.who[ends[free]].tolist(), *base[base >= 0].tolist()}
 
 
-def run(team: Team, problem: Problem, gate: float) -> Solution:
+def run_filterpy(team: FilterpyTeam, problem: Problem, gate: float) -> Solution:
     """Ranges of one stamp are fused together, before the outputs of that stamp."""
     space, ranges, outputs = problem.space, problem.ranges, problem.outputs
     mean, covariance = np.empty((outputs.stamp.size, 3)), np.empty((outputs.stamp.size, 3, 3))
@@ -58,21 +58,21 @@ def run(team: Team, problem: Problem, gate: float) -> Solution:
         rows = slice(*np.searchsorted(ranges.stamp, [now, now + 1]).tolist())
         if rows.stop > rows.start:
             a, b = ranges.a[rows], ranges.b[rows]
-            team.advance(now, touched(space, a, b) | touched(space, b, a))
+            team.advance(now, drivers_of_ranges(space, a, b) | drivers_of_ranges(space, b, a))
             residual[rows], variance[rows], verdict[rows] = team.correct(rows, gate)
         first, last = np.searchsorted(outputs.stamp, [now, now + 1]).tolist()
         for o in range(first, last):
             i = outputs.robot[o]
-            team.advance(now, touched(space, np.array([i]), np.array([-1])))
+            team.advance(now, drivers_of_ranges(space, np.array([i]), np.array([-1])))
             own = slice(3 * i, 3 * i + 3)
             if o == first:
-                find_bend(
+                find_turn_variance(
                     team.x, team.P, space, ranges, 0, problem.segments, team.clock.cursor, team.free
                 )
             mean[o], covariance[o] = team.x[own], team.P[own, own]
-            add_bend(team.x, space, i, team.free, covariance[o])
+            add_turn_curvature(team.x, space, i, team.free, covariance[o])
     team.advance(max(now, problem.end), set(range(problem.segments.first.size - 1)))
-    mean[:, 2] = wrap(mean[:, 2])
+    mean[:, 2] = wrap_angle(mean[:, 2])
     return Solution(
         mean,
         covariance,
@@ -80,5 +80,5 @@ def run(team: Team, problem: Problem, gate: float) -> Solution:
         variance,
         verdict,
         np.zeros(len(problem.robots), np.int64),
-        single(team.x, team.P),
+        single_gaussian(team.x, team.P),
     )

@@ -12,20 +12,33 @@ from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter, unsce
 from scipy.linalg import LinAlgError, cholesky
 
 from clt.core.recording import Floats, Indices
-from clt.filters.filterpy.model import Clock, Piece, lines, moved, noise
-from clt.filters.filterpy.run import judge, run
-from clt.filters.kalman.eskf import USED
-from clt.filters.kalman.free import add_turns, exchange, find, free_of, hold_still, wanted
-from clt.filters.kalman.gaussian import process_form
-from clt.filters.kalman.reacquisition import follow
+from clt.filters.filterpy.model import (
+    MotionStep,
+    SegmentClock,
+    moved_state,
+    range_vectors,
+    step_noise,
+)
+from clt.filters.filterpy.run import gate_ranges, run_filterpy
+from clt.filters.kalman.eskf import RANGE_USED
+from clt.filters.kalman.free import (
+    add_unobservable,
+    directions_for_problem,
+    find_unobservable,
+    replace_unobservable,
+    subtract_unobservable,
+    use_first_estimates,
+)
+from clt.filters.kalman.gaussian import process_noise_form
+from clt.filters.kalman.reacquisition import solve_with_search
 from clt.model.problem import Problem
 from clt.model.settings import FilterSettings
 from clt.model.solution import Solution
-from clt.model.state_space import Space
-from clt.model.unicycle import SHI
+from clt.model.state_space import StateSpace
+from clt.model.unicycle import SHI_NOISE
 
 
-def square_root(P: Floats) -> Floats:
+def singular_cholesky(P: Floats) -> Floats:
     """U with U^T U = P, upper triangular; a pivot of no more than rounding makes a row of zeros.
 
     LAPACK would stop at such a pivot, or divide by it.
@@ -44,26 +57,26 @@ def square_root(P: Floats) -> Floats:
     return root
 
 
-def transition(x: Floats, dt: float, space: Space, pieces: list[Piece]) -> Floats:
+def move_sigma_point(x: Floats, dt: float, space: StateSpace, pieces: list[MotionStep]) -> Floats:
     """The motion of one sigma point; filterpy's signature."""
     del dt  # It is in the pieces.
-    return moved(x, space, pieces)
+    return moved_state(x, space, pieces)
 
 
-class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
+class TeamUkf(UnscentedKalmanFilter):  # type: ignore[misc]
     """filterpy's UKF of a team."""
 
     def __init__(self, problem: Problem, settings: FilterSettings, *, hold: bool) -> None:
         alpha, beta, kappa = settings.ukf.alpha, settings.ukf.beta, settings.ukf.kappa
         N = problem.mean.size
-        points = MerweScaledSigmaPoints(N, alpha, beta, kappa, sqrt_method=square_root)
-        super().__init__(N, 1, 1.0, None, transition, points)
+        points = MerweScaledSigmaPoints(N, alpha, beta, kappa, sqrt_method=singular_cholesky)
+        super().__init__(N, 1, 1.0, None, move_sigma_point, points)
         self.x, self.P = problem.mean.copy(), problem.covariance.copy()
         self.problem, self.space = problem, problem.space
-        self.shi = process_form(problem, settings) == SHI
-        self.clock = Clock(problem.segments, problem.space, problem.start)
+        self.shi = process_noise_form(problem, settings) == SHI_NOISE
+        self.clock = SegmentClock(problem.segments, problem.space, problem.start)
         self.now = problem.start
-        self.free = free_of(problem, hold)
+        self.free = directions_for_problem(problem, hold)
 
     def advance(self, until: int, drivers: set[int]) -> None:
         """Predict up to the time `until` (ns): all drivers together, whichever are wanted."""
@@ -72,18 +85,18 @@ class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
         while self.now < until:
             stop, cursor = min(self.clock.stop(d, until) for d in every), self.clock.cursor.copy()
             pieces = [p for d in every if (p := self.clock.piece(d, stop)) is not None]
-            x = moved(self.x, self.space, pieces)
+            x = moved_state(self.x, self.space, pieces)
             self.Q = sum(
-                (noise(x, self.space, piece, shi=self.shi) for piece in pieces),
+                (step_noise(x, self.space, piece, shi=self.shi) for piece in pieces),
                 np.zeros_like(self.P),
             )
             nothing = self.problem.ranges, 0, 0, self.problem.segments, cursor
             turns = 0
             if self.space.base[0] >= 0:
-                turns = find(self.x, self.P, self.space, *nothing, self.free)
+                turns = find_unobservable(self.x, self.P, self.space, *nothing, self.free)
             self.P = self.held(turns)
             self.predict(space=self.space, pieces=pieces)
-            add_turns(self.x, self.P, self.space, *nothing, self.free, turns)
+            add_unobservable(self.x, self.P, self.space, *nothing, self.free, turns)
             self.now = stop
 
     def held(self, turns: int) -> Floats:
@@ -91,33 +104,35 @@ class TeamFilter(UnscentedKalmanFilter):  # type: ignore[misc]
         if turns == 0:
             held: Floats = self.P
             return held
-        hold_still(self.P, turns, self.free)
+        subtract_unobservable(self.P, turns, self.free)
         return self.free.U.copy()
 
     def correct(self, rows: slice, gate: float) -> tuple[Floats, Floats, Indices]:
         """Gate and fuse the ranges `rows` of one instant: residual, its variance, verdict."""
         ranges, z = self.problem.ranges, self.problem.ranges.range[rows]
         instant = ranges, rows.start, rows.stop, self.problem.segments, self.clock.cursor
-        turns = find(self.x, self.P, self.space, *instant, self.free)
+        turns = find_unobservable(self.x, self.P, self.space, *instant, self.free)
         self.sigmas_f = self.points_fn.sigma_points(self.x, self.held(turns))
-        images = np.abs(lines(self.sigmas_f, self.problem.lever, ranges, rows))
+        images = np.abs(range_vectors(self.sigmas_f, self.problem.lever, ranges, rows))
         h, spread = unscented_transform(images, self.Wm, self.Wc, np.diag(ranges.variance[rows]))
         r, S = z - h, spread.diagonal()
-        verdict = judge(r, S, gate)
-        use = np.flatnonzero(verdict == USED)
+        verdict = gate_ranges(r, S, gate)
+        use = np.flatnonzero(verdict == RANGE_USED)
         if use.size > 0:
             image = iter(images[:, use])
             R = np.diag(ranges.weight_variance[rows][use])
             self.update(z[use], R=R, hx=lambda _: next(image))
-            exchange(self.x, self.P, self.space, *instant, self.free, turns)
+            replace_unobservable(self.x, self.P, self.space, *instant, self.free, turns)
         return r, S, verdict
 
 
-def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:
-    """The numbers of `ukf.solve_ukf`."""
-    return follow(problem, settings, partial(solve, hold=wanted(problem, settings)))
+def solve_team_ukf(problem: Problem, settings: FilterSettings) -> Solution:
+    """The numbers of `kalman.ukf.solve_ukf`."""
+    return solve_with_search(
+        problem, settings, partial(filter_team_ukf, hold=use_first_estimates(problem, settings))
+    )
 
 
-def solve(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
+def filter_team_ukf(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
     """Run the filter alone."""
-    return run(TeamFilter(problem, settings, hold=hold), problem, settings.gate)
+    return run_filterpy(TeamUkf(problem, settings, hold=hold), problem, settings.gate)

@@ -18,22 +18,29 @@ from threadpoolctl import threadpool_limits
 
 from clt.core.recording import Floats, Indices, Stamps
 from clt.filters.kalman import updates
-from clt.filters.kalman.free import Free, add_bend, exchange, find, find_bend, inactive
-from clt.filters.kalman.updates import Work
-from clt.jit.compiled import inlined, lean
-from clt.model.covariance_propagation import carry
-from clt.model.inputs import Outputs, RangeTable, Segments
+from clt.filters.kalman.free import (
+    UnobservableDirections,
+    add_turn_curvature,
+    find_turn_variance,
+    find_unobservable,
+    inactive_directions,
+    replace_unobservable,
+)
+from clt.filters.kalman.updates import UpdateWorkspace
+from clt.jit.compiled import compiled_noalloc, inlined
+from clt.model.covariance_propagation import propagate_blocks
+from clt.model.inputs import Outputs, RangeTable, TwistSegments
 from clt.model.range_model import predict_range
-from clt.model.state_space import Space, world_space
-from clt.model.unicycle import arc, process_noise
+from clt.model.state_space import StateSpace, world_state_space
+from clt.model.unicycle import exact_arc, process_noise
 
-BATCH_ROBOTS, BATCH_PER_ROBOT = 12, 6
+MIN_BATCH_ROBOTS, MIN_BATCH_RANGES_PER_ROBOT = 12, 6
 """From this many robots and ranges per robot the information form is faster (benchmarks/)."""
-REJECTED, USED = 0, 1
+RANGE_REJECTED, RANGE_USED = 0, 1
 """Verdicts on a range: outside the gate, fused."""
 
 
-class Run(NamedTuple):
+class KalmanOutput(NamedTuple):
     """What the kernel gives back. One row per output and one per range."""
 
     mean: Floats
@@ -45,19 +52,19 @@ class Run(NamedTuple):
     variance: Floats
     """Of the residual, m^2."""
     verdict: Indices
-    """REJECTED or USED."""
+    """RANGE_REJECTED or RANGE_USED."""
     last_mean: Floats
     last_covariance: Floats
 
 
-class Memory(NamedTuple):
+class EskfMemory(NamedTuple):
     """What a run needs beside mean and covariance to go on where an earlier one stopped."""
 
     shift: Floats
-    """How far ranges moved each block since its last step, shape (B, 2), m; see `propagate`."""
+    """How far ranges moved each block since its last step, shape (B, 2), m; see `propagate_world_block`."""
 
 
-class State(NamedTuple):
+class EskfState(NamedTuple):
     """What the filter knows of B blocks moved by D drivers; N numbers."""
 
     x: Floats
@@ -69,15 +76,15 @@ class State(NamedTuple):
     cursor: Indices
     """The twist segment that each driver is in."""
     shift: Floats
-    """How far ranges moved each block since its last step, shape (B, 2), m; see `propagate`."""
+    """How far ranges moved each block since its last step, shape (B, 2), m; see `propagate_world_block`."""
     F: Floats
-    """Scratch of `carry`, shape (B, 2)."""
+    """Scratch of `propagate_blocks`, shape (B, 2)."""
     G: Floats
     """The same, shape (N, 2)."""
 
 
-@lean
-def propagate(
+@compiled_noalloc
+def propagate_world_block(
     x: Floats, P: Floats, shift: Floats, i: int, v: float, omega: float, dt: float,
     interval: float, var_v: float, var_omega: float, form: int,
 ) -> None:  # fmt: skip
@@ -89,7 +96,7 @@ def propagate(
     the filter then cannot learn, from its own corrections, a rotation that no range tells.
     """
     X, Y, T = 3 * i, 3 * i + 1, 3 * i + 2
-    dx, dy, cosine, sine = arc(x[T], v, omega, dt)
+    dx, dy, cosine, sine = exact_arc(x[T], v, omega, dt)
     xx, xy, yy, xt, yt, tt = process_noise(v, dt, cosine, sine, interval, var_v, var_omega, form)
     fx, fy = dx + shift[i, 0], dy + shift[i, 1]
     shift[i, 0] = shift[i, 1] = 0.0
@@ -116,8 +123,10 @@ def propagate(
     x[T] += omega * dt
 
 
-@lean
-def advance(state: State, d: int, until: int, segments: Segments, space: Space, form: int) -> None:
+@compiled_noalloc
+def propagate_driver(
+    state: EskfState, d: int, until: int, segments: TwistSegments, space: StateSpace, form: int
+) -> None:
     """Bring driver d to the time `until` (ns) through its twist segments."""
     x, P, time, cursor, shift, F, G = state
     first = space.first[d]
@@ -134,31 +143,37 @@ def advance(state: State, d: int, until: int, segments: Segments, space: Space, 
         var_v, var_omega = segments.var_v[k], segments.var_omega[k]
         if alone:
             i = space.block[first]
-            propagate(x, P, shift, i, v, omega, dt, interval, var_v, var_omega, form)
+            propagate_world_block(x, P, shift, i, v, omega, dt, interval, var_v, var_omega, form)
         else:
             var_v, var_omega = interval * var_v, interval * var_omega
-            carry(x, P, F, G, shift, space, d, v, omega, dt, var_v, var_omega)
+            propagate_blocks(x, P, F, G, shift, space, d, v, omega, dt, var_v, var_omega)
         time[d] = stop
         if stop == segments.end[k]:
             cursor[d] = k + 1
 
 
 @inlined
-def bring(
-    state: State, i: int, until: int, segments: Segments, space: Space, form: int, whole: bool
+def advance_block(
+    state: EskfState,
+    i: int,
+    until: int,
+    segments: TwistSegments,
+    space: StateSpace,
+    form: int,
+    whole: bool,
 ) -> None:
     """Bring block i (none if negative) to a time: its robot and, for the `whole`, its base."""
     if i >= 0:
         if state.time[space.who[i]] < until:
-            advance(state, space.who[i], until, segments, space, form)
+            propagate_driver(state, space.who[i], until, segments, space, form)
         if whole and space.base[i] >= 0:
-            advance(state, space.base[i], until, segments, space, form)
+            propagate_driver(state, space.base[i], until, segments, space, form)
 
 
-@lean
-def innovate(
-    state: State, lever: Floats, ranges: RangeTable, m: int, last: int, gate: float,
-    work: Work, run: Run,
+@compiled_noalloc
+def compute_innovations(
+    state: EskfState, lever: Floats, ranges: RangeTable, m: int, last: int, gate: float,
+    work: UpdateWorkspace, run: KalmanOutput,
 ) -> None:  # fmt: skip
     """Residual r = z - h(x) of ranges m .. last - 1, variance S, verdict r^2 <= gate S."""
     J, H = work.J, work.H
@@ -168,13 +183,15 @@ def innovate(
             state.x, lever, ranges.a[k], ranges.b[k], px, py, J, H, row
         )
         S = updates.projected_variance(state.P, J, H, row) + ranges.variance[k]
-        verdict = USED if gate <= 0.0 or r * r <= gate * S else REJECTED
+        verdict = RANGE_USED if gate <= 0.0 or r * r <= gate * S else RANGE_REJECTED
         run.residual[k], run.variance[k], run.verdict[k] = r, S, verdict
         work.residual[row], work.R[row], work.used[row] = r, ranges.weight_variance[k], verdict
 
 
 @inlined
-def correct(state: State, work: Work, count: int, large: int | None, first: bool) -> None:
+def error_state_update(
+    state: EskfState, work: UpdateWorkspace, count: int, large: int | None, first: bool
+) -> None:
     """Fuse `count` ranges of one instant: error state and covariance, then the nominal state.
 
     `first`: keep the correction for first-estimates Jacobians.
@@ -183,9 +200,9 @@ def correct(state: State, work: Work, count: int, large: int | None, first: bool
     """
     x = state.x
     if large is not None and count >= large * state.shift.shape[0]:
-        updates.batch(state.P, work, count)
+        updates.batch_update(state.P, work, count)
     else:
-        updates.sequential(state.P, work, count)
+        updates.sequential_update(state.P, work, count)
     for k in range(x.size):
         x[k] += work.delta[k]
     if first:
@@ -195,7 +212,9 @@ def correct(state: State, work: Work, count: int, large: int | None, first: bool
 
 
 @inlined
-def read_out(x: Floats, P: Floats, i: int, mean: Floats, covariance: Floats, o: int) -> None:
+def write_pose_output(
+    x: Floats, P: Floats, i: int, mean: Floats, covariance: Floats, o: int
+) -> None:
     """Copy the pose of robot i, heading in (-pi, pi], and its covariance to output o."""
     for r in range(3):
         mean[o, r] = x[3 * i + r]
@@ -204,22 +223,22 @@ def read_out(x: Floats, P: Floats, i: int, mean: Floats, covariance: Floats, o: 
     mean[o, 2] = math.pi - (math.pi - mean[o, 2]) % (2.0 * math.pi)
 
 
-@lean
-def bend(
-    state: State, space: Space, segments: Segments, ranges: RangeTable, m: int, outputs: Outputs,
-    o: int, free: Free, run: Run,
+@compiled_noalloc
+def add_output_curvature(
+    state: EskfState, space: StateSpace, segments: TwistSegments, ranges: RangeTable, m: int, outputs: Outputs,
+    o: int, free: UnobservableDirections, run: KalmanOutput,
 ) -> None:  # fmt: skip
     """Add to output o that a wide turn leads along a circle; found with the first of an instant."""
     if o == 0 or outputs.stamp[o - 1] != outputs.stamp[o]:
-        find_bend(state.x, state.P, space, ranges, m, segments, state.cursor, free)
-    add_bend(state.x, space, outputs.robot[o], free, run.covariance[o])
+        find_turn_variance(state.x, state.P, space, ranges, m, segments, state.cursor, free)
+    add_turn_curvature(state.x, space, outputs.robot[o], free, run.covariance[o])
 
 
-@lean
-def eskf(
-    state: State, start: int, end: int, space: Space, lever: Floats, segments: Segments,
+@compiled_noalloc
+def eskf_kernel(
+    state: EskfState, start: int, end: int, space: StateSpace, lever: Floats, segments: TwistSegments,
     ranges: RangeTable, outputs: Outputs, gate: float, form: int, first: bool,
-    free: Free, large: int | None, work: Work, run: Run,
+    free: UnobservableDirections, large: int | None, work: UpdateWorkspace, run: KalmanOutput,
 ) -> None:  # fmt: skip
     """The filter over a whole log: fills `run`; `state` ends as the last posterior.
 
@@ -236,58 +255,60 @@ def eskf(
         last = m
         while last < M and ranges.stamp[last] == now:
             a, b = ranges.a[last], ranges.b[last]
-            bring(state, a, now, segments, space, form, b < 0)
-            bring(state, b, now, segments, space, form, a < 0)
+            advance_block(state, a, now, segments, space, form, b < 0)
+            advance_block(state, b, now, segments, space, form, a < 0)
             last += 1
         if last > m:
-            innovate(state, lever, ranges, m, last, gate, work, run)
+            compute_innovations(state, lever, ranges, m, last, gate, work, run)
             if hold:
-                turns = find(state.x, state.P, space, ranges, m, last, segments, state.cursor, free)
-            correct(state, work, last - m, large, first)
+                turns = find_unobservable(
+                    state.x, state.P, space, ranges, m, last, segments, state.cursor, free
+                )
+            error_state_update(state, work, last - m, large, first)
             if hold:
-                exchange(
+                replace_unobservable(
                     state.x, state.P, space, ranges, m, last, segments, state.cursor, free, turns
                 )
             m = last
         while o < O and outputs.stamp[o] == now:
             i = outputs.robot[o]
-            bring(state, i, now, segments, space, form, True)
-            read_out(state.x, state.P, i, run.mean, run.covariance, o)
+            advance_block(state, i, now, segments, space, form, True)
+            write_pose_output(state.x, state.P, i, run.mean, run.covariance, o)
             if hold:
-                bend(state, space, segments, ranges, m, outputs, o, free, run)
+                add_output_curvature(state, space, segments, ranges, m, outputs, o, free, run)
             o += 1
     for d in range(state.time.size):
-        advance(state, d, max(now, end), segments, space, form)
+        propagate_driver(state, d, max(now, end), segments, space, form)
 
 
-def most_at_once(stamp: Stamps) -> int:
+def max_ranges_per_stamp(stamp: Stamps) -> int:
     """How often the most frequent of the sorted stamps occurs."""
     first = np.flatnonzero(np.diff(stamp, prepend=stamp[:1] - 1))
     return int(np.diff(first, append=stamp.size).max(initial=0))
 
 
-def no_memory(n: int) -> Memory:
+def initial_memory(n: int) -> EskfMemory:
     """Of n blocks that no range moved yet."""
-    return Memory(np.zeros((n, 2)))
+    return EskfMemory(np.zeros((n, 2)))
 
 
-def run(
+def run_eskf(
     mean: Floats,
     covariance: Floats,
     start: int,
     lever: Floats,
-    segments: Segments,
+    segments: TwistSegments,
     ranges: RangeTable,
     outputs: Outputs,
     *,
     gate: float,
     form: int,
     first: bool = False,
-    free: Free | None = None,
-    space: Space | None = None,
+    free: UnobservableDirections | None = None,
+    space: StateSpace | None = None,
     end: int | None = None,
-    memory: Memory | None = None,
-) -> Run:
+    memory: EskfMemory | None = None,
+) -> KalmanOutput:
     """Filter one log: joint mean (N,) and covariance (N, N) at `start` (ns), lever (B, 2).
 
     gate: chi-square bound of one range, 0 for none; form: of the process noise;
@@ -299,22 +320,22 @@ def run(
     Linear algebra runs in one thread: at these sizes a second one costs more than it helps.
     """
     x, P = mean.astype(np.float64), covariance.astype(np.float64)
-    space = world_space(segments.first.size - 1) if space is None else space
+    space = world_state_space(segments.first.size - 1) if space is None else space
     n, M, O = space.who.size, ranges.stamp.size, outputs.stamp.size  # noqa: E741
-    memory = no_memory(n) if memory is None else memory
-    state = State(
+    memory = initial_memory(n) if memory is None else memory
+    state = EskfState(
         x, P, np.full(segments.first.size - 1, start), segments.first[:-1].copy(),
         memory.shift, np.zeros((n, 2)), np.zeros((x.size, 2)),
     )  # fmt: skip
-    work = updates.workspace(most_at_once(ranges.stamp), x.size)
-    result = Run(
+    work = updates.make_update_workspace(max_ranges_per_stamp(ranges.stamp), x.size)
+    result = KalmanOutput(
         np.empty((O, 3)), np.empty((O, 3, 3)),
         np.empty(M), np.empty(M), np.empty(M, np.int64), x, P,
     )  # fmt: skip
-    large = BATCH_PER_ROBOT if n >= BATCH_ROBOTS else None
+    large = MIN_BATCH_RANGES_PER_ROBOT if n >= MIN_BATCH_ROBOTS else None
     with threadpool_limits(1, "blas") if large is not None else nullcontext():
-        eskf(
+        eskf_kernel(
             state, start, start if end is None else end, space, lever, segments, ranges, outputs,
-            gate, form, first, inactive() if free is None else free, large, work, result,
+            gate, form, first, inactive_directions() if free is None else free, large, work, result,
         )  # fmt: skip
     return result

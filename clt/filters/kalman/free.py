@@ -19,60 +19,66 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.core.recording import Floats, Indices
-from clt.filters.kalman.unscented import factor
-from clt.jit.compiled import inlined, lean
-from clt.model.inputs import RangeTable, Segments
+from clt.filters.kalman.unscented import cholesky_upper
+from clt.jit.compiled import compiled_noalloc, inlined
+from clt.model.inputs import RangeTable, TwistSegments
 from clt.model.problem import Problem
 from clt.model.settings import FilterSettings
-from clt.model.state_space import AT_REST, WORLD, Space
+from clt.model.state_space import MAX_STANDSTILL_TWIST, WORLD_REFERENCE, StateSpace
 
-FIXED = 2
+MIN_FIXED_ROBOTS = 2
 """Robots of known position that hold a team in the world."""
-MOST = 3
+MAX_UNOBSERVABLE = 3
 """Directions at once: two translations and a rotation."""
-CERTAIN = 1e-6
+CERTAIN_SIGMA = 1e-6
 """Standard deviation that what is known for certain counts as having, m or rad."""
 
 
-class Free(NamedTuple):
+class UnobservableDirections(NamedTuple):
     """Whether to look for directions that no range tells, and scratch."""
 
     active: int
     antenna: Floats
     """Of each driver in its body frame, shape (D, 2), m."""
     before: Floats
-    """Directions before a correction, orthonormal in units of P, shape (MOST, N)."""
+    """Directions before a correction, orthonormal in units of P, shape (MAX_UNOBSERVABLE, N)."""
     after: Floats
     """The same after it."""
     white: Floats
     """U^-T times those before."""
     steps: Floats
-    """What made them orthonormal, shape (MOST, MOST)."""
+    """What made them orthonormal, shape (MAX_UNOBSERVABLE, MAX_UNOBSERVABLE)."""
     U: Floats
     """Factor of P, shape (N, N); or what of P is not free."""
     bend: Floats
     """Variance of the turn about each driver, where that is the only direction, (D,), rad^2."""
 
 
-def free_of(problem: Problem, active: bool) -> Free:
+def directions_for_problem(problem: Problem, active: bool) -> UnobservableDirections:
     """Room for a problem; hardly any where it is not `active`."""
     N = problem.belief.mean.shape[1] if active else 0
-    return room(problem.antenna, N, active)
+    return allocate_directions(problem.antenna, N, active)
 
 
-def inactive() -> Free:
+def inactive_directions() -> UnobservableDirections:
     """Nothing is looked for."""
-    return room(np.zeros((0, 2)), 0, False)
+    return allocate_directions(np.zeros((0, 2)), 0, False)
 
 
-def room(antenna: Floats, N: int, active: bool) -> Free:
+def allocate_directions(antenna: Floats, N: int, active: bool) -> UnobservableDirections:
     """Scratch for N numbers and drivers with these antennas (D, 2)."""
-    before, after, white = np.zeros((MOST, N)), np.zeros((MOST, N)), np.zeros((MOST, N))
-    steps, bend = np.zeros((MOST, MOST)), np.zeros(antenna.shape[0])
-    return Free(int(active), antenna, before, after, white, steps, np.zeros((N, N)), bend)
+    before, after, white = (
+        np.zeros((MAX_UNOBSERVABLE, N)),
+        np.zeros((MAX_UNOBSERVABLE, N)),
+        np.zeros((MAX_UNOBSERVABLE, N)),
+    )
+    steps, bend = np.zeros((MAX_UNOBSERVABLE, MAX_UNOBSERVABLE)), np.zeros(antenna.shape[0])
+    return UnobservableDirections(
+        int(active), antenna, before, after, white, steps, np.zeros((N, N)), bend
+    )
 
 
-def wanted(problem: Problem, settings: FilterSettings) -> bool:
+def use_first_estimates(problem: Problem, settings: FilterSettings) -> bool:
     """Whether a filter is to hold what no range tells: as set, else wherever that can be.
 
     That is with fewer than two fixed robots, and in body frames.
@@ -80,23 +86,27 @@ def wanted(problem: Problem, settings: FilterSettings) -> bool:
     if settings.jacobians != "auto":
         return settings.jacobians == "first"
     ends = np.append(problem.ranges.a, problem.ranges.b)
-    relative = bool(np.any(problem.space.base != WORLD))
-    return relative or int(np.unique(ends[ends < 0]).size) < FIXED
+    relative = bool(np.any(problem.space.base != WORLD_REFERENCE))
+    return relative or int(np.unique(ends[ends < 0]).size) < MIN_FIXED_ROBOTS
 
 
 @inlined
-def still(segments: Segments, cursor: Indices, d: int, free: Free) -> bool:
+def is_antenna_at_rest(
+    segments: TwistSegments, cursor: Indices, d: int, free: UnobservableDirections
+) -> bool:
     """Whether the antenna of driver d is at rest from now on: as its odometry says, or for good."""
     if segments.first[d] == segments.first[d + 1]:
         return True
     k = min(cursor[d], segments.first[d + 1] - 1)
     reach = abs(free.antenna[d, 0]) + abs(free.antenna[d, 1])
     turning: float = abs(segments.omega[k]) * reach
-    return bool(abs(segments.v[k]) < AT_REST and turning < AT_REST)
+    return bool(abs(segments.v[k]) < MAX_STANDSTILL_TWIST and turning < MAX_STANDSTILL_TWIST)
 
 
-@lean
-def turn_about(x: Floats, space: Space, d: int, free: Free, out: Floats) -> bool:
+@compiled_noalloc
+def turn_direction(
+    x: Floats, space: StateSpace, d: int, free: UnobservableDirections, out: Floats
+) -> bool:
     """Driver d turns backwards about its antenna: change of the state by 1 rad into `out` (N,).
 
     False for a driver in whose frame nothing stands.
@@ -115,10 +125,10 @@ def turn_about(x: Floats, space: Space, d: int, free: Free, out: Floats) -> bool
     return seen
 
 
-@lean
-def world_directions(
-    x: Floats, space: Space, ranges: RangeTable, first: int, last: int, segments: Segments,
-    free: Free, out: Floats,
+@compiled_noalloc
+def unobservable_in_world(
+    x: Floats, space: StateSpace, ranges: RangeTable, first: int, last: int, segments: TwistSegments,
+    free: UnobservableDirections, out: Floats,
 ) -> int:  # fmt: skip
     """What the ranges first .. last - 1 do not tell of poses in the world; rows of `out`.
 
@@ -148,10 +158,10 @@ def world_directions(
     return row + 1
 
 
-@lean
-def directions(
-    x: Floats, space: Space, ranges: RangeTable, first: int, last: int, segments: Segments,
-    cursor: Indices, free: Free, out: Floats,
+@compiled_noalloc
+def unobservable_directions(
+    x: Floats, space: StateSpace, ranges: RangeTable, first: int, last: int, segments: TwistSegments,
+    cursor: Indices, free: UnobservableDirections, out: Floats,
 ) -> int:  # fmt: skip
     """Changes of the state x that the ranges first .. last - 1 do not tell, rows of `out`; count.
 
@@ -160,17 +170,17 @@ def directions(
     """
     if free.active == 0:
         return 0
-    if space.base[0] == WORLD:
-        return world_directions(x, space, ranges, first, last, segments, free, out)
+    if space.base[0] == WORLD_REFERENCE:
+        return unobservable_in_world(x, space, ranges, first, last, segments, free, out)
     count = 0
     for d in range(cursor.size):
-        if count < MOST and still(segments, cursor, d, free):
-            count += turn_about(x, space, d, free, out[count])
+        if count < MAX_UNOBSERVABLE and is_antenna_at_rest(segments, cursor, d, free):
+            count += turn_direction(x, space, d, free, out[count])
     return count
 
 
-@lean
-def whiten(U: Floats, count: int, free: Free) -> None:
+@compiled_noalloc
+def orthonormalize(U: Floats, count: int, free: UnobservableDirections) -> None:
     """Make the `count` directions `before` orthonormal in units of P = U^T U, and `white`.
 
     What they are made of is kept in `steps`. U (N, N) is upper triangular.
@@ -181,7 +191,7 @@ def whiten(U: Floats, count: int, free: Free) -> None:
             rest = N[j, k]
             for i in range(k):
                 rest -= U[i, k] * V[j, i]
-            V[j, k] = rest / max(U[k, k], CERTAIN)
+            V[j, k] = rest / max(U[k, k], CERTAIN_SIGMA)
         for i in range(j):
             steps[j, i] = 0.0
             for k in range(N.shape[1]):
@@ -191,14 +201,14 @@ def whiten(U: Floats, count: int, free: Free) -> None:
         length = 0.0
         for k in range(N.shape[1]):
             length += V[j, k] * V[j, k]
-        steps[j, j] = 1.0 / math.sqrt(max(length, CERTAIN))
+        steps[j, j] = 1.0 / math.sqrt(max(length, CERTAIN_SIGMA))
         for k in range(N.shape[1]):
             V[j, k] *= steps[j, j]
-        combine(N, steps, j)
+        apply_orthonormalization(N, steps, j)
 
 
 @inlined
-def combine(N: Floats, steps: Floats, j: int) -> None:
+def apply_orthonormalization(N: Floats, steps: Floats, j: int) -> None:
     """Row j of N as row j of `white` was made from those before it."""
     for i in range(j):
         for k in range(N.shape[1]):
@@ -207,21 +217,23 @@ def combine(N: Floats, steps: Floats, j: int) -> None:
         N[j, k] *= steps[j, j]
 
 
-@lean
-def find(
-    x: Floats, P: Floats, space: Space, ranges: RangeTable, first: int, last: int,
-    segments: Segments, cursor: Indices, free: Free,
+@compiled_noalloc
+def find_unobservable(
+    x: Floats, P: Floats, space: StateSpace, ranges: RangeTable, first: int, last: int,
+    segments: TwistSegments, cursor: Indices, free: UnobservableDirections,
 ) -> int:  # fmt: skip
     """The directions before a correction by the ranges first .. last - 1: how many."""
-    count = directions(x, space, ranges, first, last, segments, cursor, free, free.before)
+    count = unobservable_directions(
+        x, space, ranges, first, last, segments, cursor, free, free.before
+    )
     if count > 0:
-        factor(P, free.U, x.size)
-        whiten(free.U, count, free)
+        cholesky_upper(P, free.U, x.size)
+        orthonormalize(free.U, count, free)
     return count
 
 
-@lean
-def hold_still(P: Floats, count: int, free: Free) -> None:
+@compiled_noalloc
+def subtract_unobservable(P: Floats, count: int, free: UnobservableDirections) -> None:
     """What of P is along none of the `count` directions found before, into `free.U`."""
     N, rest = free.before, free.U
     for r in range(P.shape[0]):
@@ -231,27 +243,27 @@ def hold_still(P: Floats, count: int, free: Free) -> None:
                 rest[r, c] -= N[j, r] * N[j, c]
 
 
-@lean
-def add_turns(
-    x: Floats, P: Floats, space: Space, ranges: RangeTable, first: int, last: int,
-    segments: Segments, cursor: Indices, free: Free, count: int,
+@compiled_noalloc
+def add_unobservable(
+    x: Floats, P: Floats, space: StateSpace, ranges: RangeTable, first: int, last: int,
+    segments: TwistSegments, cursor: Indices, free: UnobservableDirections, count: int,
 ) -> None:  # fmt: skip
     """Add to P along the directions at x what was known along the `count` found before."""
     if count == 0:
         return
     after = free.after
-    directions(x, space, ranges, first, last, segments, cursor, free, after)
+    unobservable_directions(x, space, ranges, first, last, segments, cursor, free, after)
     for j in range(count):
-        combine(after, free.steps, j)
+        apply_orthonormalization(after, free.steps, j)
         for r in range(x.size):
             for c in range(x.size):
                 P[r, c] += after[j, r] * after[j, c]
 
 
-@lean
-def exchange(
-    x: Floats, P: Floats, space: Space, ranges: RangeTable, first: int, last: int,
-    segments: Segments, cursor: Indices, free: Free, count: int,
+@compiled_noalloc
+def replace_unobservable(
+    x: Floats, P: Floats, space: StateSpace, ranges: RangeTable, first: int, last: int,
+    segments: TwistSegments, cursor: Indices, free: UnobservableDirections, count: int,
 ) -> None:  # fmt: skip
     """After the correction: P holds along the directions at the new x what it held along `before`.
 
@@ -262,28 +274,32 @@ def exchange(
         for r in range(x.size):
             for c in range(x.size):
                 P[r, c] -= before[j, r] * before[j, c]
-    add_turns(x, P, space, ranges, first, last, segments, cursor, free, count)
+    add_unobservable(x, P, space, ranges, first, last, segments, cursor, free, count)
 
 
-@lean
-def find_bend(
-    x: Floats, P: Floats, space: Space, ranges: RangeTable, m: int, segments: Segments,
-    cursor: Indices, free: Free,
+@compiled_noalloc
+def find_turn_variance(
+    x: Floats, P: Floats, space: StateSpace, ranges: RangeTable, m: int, segments: TwistSegments,
+    cursor: Indices, free: UnobservableDirections,
 ) -> None:  # fmt: skip
-    """How far what is seen from each driver may have turned about it, for `add_bend`.
+    """How far what is seen from each driver may have turned about it, for `add_turn_curvature`.
 
     m: any range; none tells of turns in body frames.
     """
-    if free.active == 0 or space.base[0] == WORLD:
+    if free.active == 0 or space.base[0] == WORLD_REFERENCE:
         return
-    count = find(x, P, space, ranges, m, m, segments, cursor, free)
+    count = find_unobservable(x, P, space, ranges, m, m, segments, cursor, free)
     for d in range(cursor.size):
-        turns = count == 1 and still(segments, cursor, d, free) and seen_from(space, d)
+        turns = (
+            count == 1
+            and is_antenna_at_rest(segments, cursor, d, free)
+            and is_reference_frame(space, d)
+        )
         free.bend[d] = free.steps[0, 0] ** 2 if turns else 0.0
 
 
 @inlined
-def seen_from(space: Space, d: int) -> bool:
+def is_reference_frame(space: StateSpace, d: int) -> bool:
     """Whether anything stands in the frame of driver d."""
     seen = False
     for i in range(space.base.size):
@@ -291,8 +307,10 @@ def seen_from(space: Space, d: int) -> bool:
     return seen
 
 
-@lean
-def add_bend(x: Floats, space: Space, i: int, free: Free, covariance: Floats) -> None:
+@compiled_noalloc
+def add_turn_curvature(
+    x: Floats, space: StateSpace, i: int, free: UnobservableDirections, covariance: Floats
+) -> None:
     """Add to the covariance (3, 3) of block i that a wide turn leads along a circle, in place.
 
     What turns by a ~ N(0, s^2) about the antenna, at u from it, is left by u (1 - cos a) behind

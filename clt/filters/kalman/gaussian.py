@@ -14,16 +14,16 @@ import numpy as np
 from clt.core.errors import UsageError
 from clt.core.recording import Floats
 from clt.filters.kalman import eskf
-from clt.filters.kalman.free import free_of, wanted
-from clt.filters.kalman.reacquisition import follow
+from clt.filters.kalman.free import directions_for_problem, use_first_estimates
+from clt.filters.kalman.reacquisition import solve_with_search
 from clt.model import unicycle
 from clt.model.belief import Belief
 from clt.model.problem import Problem
 from clt.model.settings import FilterSettings
 from clt.model.solution import Solution
-from clt.model.state_space import WORLD
+from clt.model.state_space import WORLD_REFERENCE
 
-FORMS = {"exact": unicycle.EXACT, "shi": unicycle.SHI}
+PROCESS_NOISE_FORMS = {"exact": unicycle.EXACT_NOISE, "shi": unicycle.SHI_NOISE}
 
 
 def solve_eskf(problem: Problem, settings: FilterSettings) -> Solution:
@@ -31,20 +31,22 @@ def solve_eskf(problem: Problem, settings: FilterSettings) -> Solution:
 
     Raises UsageError for Shi's process noise outside the world frame.
     """
-    return follow(problem, settings, partial(solve, hold=wanted(problem, settings)))
+    return solve_with_search(
+        problem, settings, partial(filter_eskf, hold=use_first_estimates(problem, settings))
+    )
 
 
-def solve_alone(problem: Problem, settings: FilterSettings) -> Solution:
+def solve_eskf_without_search(problem: Problem, settings: FilterSettings) -> Solution:
     """Run the filter without a search for robots that look lost."""
-    return solve(problem, settings, hold=wanted(problem, settings))
+    return filter_eskf(problem, settings, hold=use_first_estimates(problem, settings))
 
 
-def solve(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
+def filter_eskf(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
     """Run the filter alone; `hold` what no range tells (`free`), decided once for a whole log."""
-    form = process_form(problem, settings)
-    memory = remembered(problem)
-    relative = bool(np.any(problem.space.base != WORLD))
-    run = eskf.run(
+    form = process_noise_form(problem, settings)
+    memory = restore_eskf_memory(problem)
+    relative = bool(np.any(problem.space.base != WORLD_REFERENCE))
+    run = eskf.run_eskf(
         problem.mean,
         problem.covariance,
         problem.start,
@@ -55,7 +57,7 @@ def solve(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution
         gate=settings.gate,
         form=form,
         first=hold and not relative,
-        free=free_of(problem, hold and relative),
+        free=directions_for_problem(problem, hold and relative),
         space=problem.space,
         end=problem.end,
         memory=memory,
@@ -67,7 +69,7 @@ def solve(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution
         run.variance,
         run.verdict,
         np.zeros(len(problem.robots), np.int64),
-        single(run.last_mean, run.last_covariance),
+        single_gaussian(run.last_mean, run.last_covariance),
         memory=memory,
     )
 
@@ -75,27 +77,29 @@ def solve(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution
 solve_ekf = solve_eskf
 
 
-def remembered(problem: Problem) -> eskf.Memory:
+def restore_eskf_memory(problem: Problem) -> eskf.EskfMemory:
     """What the run that this one goes on from kept, copied; else what a first one begins with."""
-    if isinstance(problem.memory, eskf.Memory):
-        return eskf.Memory._make(column.copy() for column in problem.memory)
-    return eskf.no_memory(len(problem.robots))
+    if isinstance(problem.memory, eskf.EskfMemory):
+        return eskf.EskfMemory._make(column.copy() for column in problem.memory)
+    return eskf.initial_memory(len(problem.robots))
 
 
-def process_form(problem: Problem, settings: FilterSettings) -> int:
+def process_noise_form(problem: Problem, settings: FilterSettings) -> int:
     """The form of process noise that the kernel takes.
 
     Raises UsageError where the paper's is asked of blocks that are not in the world.
     """
-    elsewhere = np.any(problem.space.base != WORLD) or np.any(problem.space.calibration >= 0)
+    elsewhere = np.any(problem.space.base != WORLD_REFERENCE) or np.any(
+        problem.space.calibration >= 0
+    )
     if settings.process == "shi" and elsewhere:
         raise UsageError(
             "process=shi is Shi's noise of absolute poses: use --frame world without "
             "noise.scale and noise.bias"
         )
-    return FORMS[settings.process]
+    return PROCESS_NOISE_FORMS[settings.process]
 
 
-def single(mean: Floats, covariance: Floats) -> Belief:
+def single_gaussian(mean: Floats, covariance: Floats) -> Belief:
     """One Gaussian as a belief."""
     return Belief(np.zeros(1), mean[None], covariance[None])

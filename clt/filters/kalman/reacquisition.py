@@ -13,45 +13,52 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.core.recording import Floats, Indices
-from clt.filters.kalman.evidence import log_densities
-from clt.filters.kalman.rivals import rivals_of
+from clt.filters.kalman.evidence import range_log_densities
+from clt.filters.kalman.rivals import alternative_beliefs
 from clt.filters.kalman.suspicion import (
-    FOUND,
-    SEARCHED,
-    clear,
-    look_lost,
-    next_suspicion,
-    unsuspected,
+    FOUND_COUNT,
+    SEARCH_COUNT,
+    find_next_lost,
+    new_verdict_record,
+    reset_verdict_record,
+    robots_that_look_lost,
 )
-from clt.filters.kalman.trail import Piece, before, cut, piece_of, resumed, since
+from clt.filters.kalman.trail import (
+    HistoryPart,
+    cut_problem,
+    history_before,
+    history_since,
+    make_history_part,
+    resume_problem,
+)
 from clt.model.belief import Belief
 from clt.model.inputs import RangeTable
 from clt.model.problem import Problem
 from clt.model.settings import FilterSettings
 from clt.model.solution import Filter, Solution
 
-CLEARLY = 20.0
+MIN_LOG_LIKELIHOOD_GAIN = 20.0
 """Log-likelihood ratio by which a rival must be better than the old belief."""
-UNIQUE = 7.0
+MIN_LOG_LIKELIHOOD_LEAD = 7.0
 """The same by which it must be better than one elsewhere: a mirror image fits ranges as well."""
-REPLAYED = 2
+REPLAY_INTERVALS = 2
 """How much is run once more, and how long to wait after a vain search, in units of `reacquire`."""
 
 
-class Memory(NamedTuple):
+class SearchMemory(NamedTuple):
     """What a run keeps beside its belief, to go on from here."""
 
     filter: object
     """The filter's own."""
     record: Indices
     """See `suspicion`."""
-    trail: tuple[Piece, ...]
+    trail: tuple[HistoryPart, ...]
     """The latest seconds."""
 
 
-class Replayed(NamedTuple):
+class ReplayedBelief(NamedTuple):
     """A belief that ran through a trail."""
 
     began: Belief
@@ -61,51 +68,53 @@ class Replayed(NamedTuple):
     """Log-density of each range, (n,)."""
 
 
-def follow(problem: Problem, settings: FilterSettings, run: Filter) -> Solution:
+def solve_with_search(problem: Problem, settings: FilterSettings, run: Filter) -> Solution:
     """The solution of a filter `run` that searches for robots which look lost."""
     patience = int(settings.reacquire * 1e9)
-    memory = remembered(problem, patience)
+    memory = restore_search_memory(problem, patience)
     record, part = memory.record.copy(), replace(problem, memory=memory.filter)
     solution = run(part, settings)
-    trail = (*memory.trail, piece_of(part, solution))
+    trail = (*memory.trail, make_history_part(part, solution))
     done: list[Solution] = []
     m = 0
     while True:
         a, b, stamp = part.ranges.a, part.ranges.b, part.ranges.stamp
-        m = int(next_suspicion(record, a, b, stamp, solution.verdict, m, patience))
+        m = int(find_next_lost(record, a, b, stamp, solution.verdict, m, patience))
         if m == stamp.size:
             break
-        now, lost = int(stamp[m]), look_lost(record)
-        trail = since(trail, now - REPLAYED * patience, settings, run)
-        found = search(before(trail, now), np.flatnonzero(lost), settings, run)
-        record[lost, SEARCHED] += 1
+        now, lost = int(stamp[m]), robots_that_look_lost(record)
+        trail = history_since(trail, now - REPLAY_INTERVALS * patience, settings, run)
+        found = search_lost_robots(history_before(trail, now), np.flatnonzero(lost), settings, run)
+        record[lost, SEARCH_COUNT] += 1
         if found is None:
-            clear(record, lost, now + REPLAYED * patience)
+            reset_verdict_record(record, lost, now + REPLAY_INTERVALS * patience)
             continue
-        record[lost, FOUND] += 1
-        clear(record, np.ones_like(lost), now + patience)
-        done.append(rows_of(solution, m, int(np.searchsorted(part.outputs.stamp, now))))
-        part, m = resumed(cut(part, now), found), 0
+        record[lost, FOUND_COUNT] += 1
+        reset_verdict_record(record, np.ones_like(lost), now + patience)
+        done.append(truncate_solution(solution, m, int(np.searchsorted(part.outputs.stamp, now))))
+        part, m = resume_problem(cut_problem(part, now), found), 0
         solution = run(part, settings)
-        trail = (piece_of(part, solution),)
-    kept = tuple(piece for piece in trail if piece.problem.end > part.end - REPLAYED * patience)
+        trail = (make_history_part(part, solution),)
+    kept = tuple(
+        piece for piece in trail if piece.problem.end > part.end - REPLAY_INTERVALS * patience
+    )
     return replace(
-        joined([*done, solution]),
-        lost=record[:, SEARCHED].copy(),
-        found=record[:, FOUND].copy(),
-        memory=Memory(solution.memory, record, kept),
+        join_solutions([*done, solution]),
+        lost=record[:, SEARCH_COUNT].copy(),
+        found=record[:, FOUND_COUNT].copy(),
+        memory=SearchMemory(solution.memory, record, kept),
     )
 
 
-def remembered(problem: Problem, patience: int) -> Memory:
+def restore_search_memory(problem: Problem, patience: int) -> SearchMemory:
     """What the run that a problem goes on from kept; else what a first one begins with."""
-    if isinstance(problem.memory, Memory):
+    if isinstance(problem.memory, SearchMemory):
         return problem.memory
-    return Memory(None, unsuspected(len(problem.robots), problem.start + patience), ())
+    return SearchMemory(None, new_verdict_record(len(problem.robots), problem.start + patience), ())
 
 
-def search(
-    trail: Sequence[Piece], lost: Indices, settings: FilterSettings, run: Filter
+def search_lost_robots(
+    trail: Sequence[HistoryPart], lost: Indices, settings: FilterSettings, run: Filter
 ) -> Solution | None:
     """Where the `lost` blocks (L,) are, at the end of a trail; None if that is not clearly better.
 
@@ -118,69 +127,71 @@ def search(
     )
     first = trail[0].problem
     begun = Belief._make(column[:1] for column in first.belief)
-    old = evidence_of(ranges, trail)
+    old = run_log_densities(ranges, trail)
     lost = lost[np.isin(lost, [ranges.a, ranges.b])]
     if lost.size == 0 or not (np.isfinite(begun.mean).all() and np.isfinite(old).all()):
         return None
     found = []
-    for turned in rivals_of(begun, first.lever, ranges, lost):
-        rivals = [replayed(trail, rival, ranges, settings, run) for rival in turned]
-        found.append(best_of(rivals, trail, ranges, lost, settings, run))
+    for turned in alternative_beliefs(begun, first.lever, ranges, lost):
+        rivals = [replay_belief(trail, rival, ranges, settings, run) for rival in turned]
+        found.append(best_headings(rivals, trail, ranges, lost, settings, run))
     best, *others = sorted(found, key=lambda each: -each.evidence.sum())
-    if not best.evidence.sum() > old.sum() + CLEARLY:
+    if not best.evidence.sum() > old.sum() + MIN_LOG_LIKELIHOOD_GAIN:
         return None
-    if any(other.evidence.sum() > best.evidence.sum() - UNIQUE for other in others):
+    if any(
+        other.evidence.sum() > best.evidence.sum() - MIN_LOG_LIKELIHOOD_LEAD for other in others
+    ):
         return None
     return best.solution
 
 
-def best_of(
-    rivals: Sequence[Replayed],
-    trail: Sequence[Piece],
+def best_headings(
+    rivals: Sequence[ReplayedBelief],
+    trail: Sequence[HistoryPart],
     ranges: RangeTable,
     lost: Indices,
     settings: FilterSettings,
     run: Filter,
-) -> Replayed:
+) -> ReplayedBelief:
     """The best of rivals that differ in heading; each lost block may have that of another one."""
     own = np.array([(ranges.a == i) | (ranges.b == i) for i in lost], np.float64)
     scores = np.array([np.where(own > 0.0, rival.evidence, 0.0).sum(axis=1) for rival in rivals])
     chosen = np.argmax(scores, axis=0)
     candidates = list(rivals)
     if np.any(chosen != chosen[0]):
-        mixed = composed([rivals[k].began for k in chosen], lost)
-        candidates.append(replayed(trail, mixed, ranges, settings, run))
+        mixed = combine_beliefs([rivals[k].began for k in chosen], lost)
+        candidates.append(replay_belief(trail, mixed, ranges, settings, run))
     best = max(candidates, key=lambda rival: float(rival.evidence.sum()))
-    return best._replace(solution=unsure(best.solution, rivals, scores, lost))
+    return best._replace(solution=add_heading_uncertainty(best.solution, rivals, scores, lost))
 
 
-def evidence_of(ranges: RangeTable, runs: Sequence[Piece | Solution]) -> Floats:
+def run_log_densities(ranges: RangeTable, runs: Sequence[HistoryPart | Solution]) -> Floats:
     """Log-density of each range (n,) by the innovations of successive runs; -inf where not finite.
 
     `ranges` are those of all runs.
     """
     residual = np.concatenate([each.residual for each in runs])
     variance = np.concatenate([each.variance for each in runs])
-    found: Floats = np.nan_to_num(log_densities(ranges, residual, variance), nan=-np.inf)
+    found: Floats = np.nan_to_num(range_log_densities(ranges, residual, variance), nan=-np.inf)
     return found
 
 
-def replayed(
-    trail: Sequence[Piece],
+def replay_belief(
+    trail: Sequence[HistoryPart],
     began: Belief,
     ranges: RangeTable,
     settings: FilterSettings,
     run: Filter,
-) -> Replayed:
+) -> ReplayedBelief:
     """Run a belief through a trail whose ranges are given."""
     first, *rest = (piece.problem for piece in trail)
     runs = [run(replace(first, prior=None, belief=began, memory=None), settings)]
     for problem in rest:
-        runs.append(run(resumed(problem, runs[-1]), settings))
-    return Replayed(began, runs[-1], evidence_of(ranges, runs))
+        runs.append(run(resume_problem(problem, runs[-1]), settings))
+    return ReplayedBelief(began, runs[-1], run_log_densities(ranges, runs))
 
 
-def composed(begun: Sequence[Belief], lost: Indices) -> Belief:
+def combine_beliefs(begun: Sequence[Belief], lost: Indices) -> Belief:
     """One beginning in which each of the lost blocks (L,) is as in its own one of `begun` (L,)."""
     x, P = begun[0].mean.copy(), begun[0].covariance.copy()
     for i, theirs in zip(lost.tolist(), begun, strict=True):
@@ -189,8 +200,8 @@ def composed(begun: Sequence[Belief], lost: Indices) -> Belief:
     return Belief(begun[0].log_weight, x, P)
 
 
-def unsure(
-    solution: Solution, rivals: Sequence[Replayed], scores: Floats, lost: Indices
+def add_heading_uncertainty(
+    solution: Solution, rivals: Sequence[ReplayedBelief], scores: Floats, lost: Indices
 ) -> Solution:
     """A solution that also knows how little the ranges of each lost block said of its heading.
 
@@ -200,11 +211,11 @@ def unsure(
     for i, score in zip((3 * lost + 2).tolist(), scores.T, strict=True):
         w = np.exp(score - score.max()) if np.isfinite(score.max()) else np.ones_like(score)
         ends = np.array([rival.solution.belief.mean[0, i] for rival in rivals])
-        P[0, i, i] += w @ wrap(ends - solution.belief.mean[0, i]) ** 2 / w.sum()
+        P[0, i, i] += w @ wrap_angle(ends - solution.belief.mean[0, i]) ** 2 / w.sum()
     return replace(solution, belief=solution.belief._replace(covariance=P))
 
 
-def rows_of(solution: Solution, m: int, o: int) -> Solution:
+def truncate_solution(solution: Solution, m: int, o: int) -> Solution:
     """The first m ranges and o outputs of a solution."""
     return replace(
         solution,
@@ -216,7 +227,7 @@ def rows_of(solution: Solution, m: int, o: int) -> Solution:
     )
 
 
-def joined(parts: Sequence[Solution]) -> Solution:
+def join_solutions(parts: Sequence[Solution]) -> Solution:
     """Solutions one after the other; all but rows of ranges and outputs is the last one's."""
     if len(parts) == 1:
         return parts[0]

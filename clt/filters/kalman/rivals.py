@@ -11,19 +11,19 @@ from clt.core.recording import Floats, Indices
 from clt.model.belief import Belief
 from clt.model.inputs import RangeTable
 
-HEADINGS = 8
+HEADINGS_TRIED = 8
 """How many headings are tried, evenly spaced from that which is believed."""
-LOST_POSITION, LOST_HEADING = 0.5, np.pi / HEADINGS
+LOST_POSITION_SIGMA_M, LOST_HEADING_SIGMA = 0.5, np.pi / HEADINGS_TRIED
 """Standard deviations of a rival's x and y (m, at least) and heading (rad)."""
-OUTLYING = 0.3
+OUTLIER_SCALE_M = 0.3
 """Range errors beyond this count less and less in a position, m."""
-APART = 1.0
+MIN_POSITION_DISTANCE_M = 1.0
 """Positions that are closer than this are one, m."""
-FEW, MOST = 4, 3
+MAX_MIRRORED_ROBOTS, MAX_POSITION_SETS = 4, 3
 """Up to so many robots are mirrored one by one, not only all at once; sets of positions tried."""
 
 
-class Links(NamedTuple):
+class LostRobotLinks(NamedTuple):
     """The first range of each pair of which one end is lost."""
 
     ends: Indices
@@ -34,41 +34,43 @@ class Links(NamedTuple):
     """m."""
 
 
-def links_of(ranges: RangeTable, lost: Indices) -> Links:
+def lost_robot_links(ranges: RangeTable, lost: Indices) -> LostRobotLinks:
     """The first range of each pair that the `lost` blocks have."""
     use = np.flatnonzero(np.isin(ranges.a, lost) | np.isin(ranges.b, lost))
     ends = np.stack([ranges.a[use], ranges.b[use]], axis=1)
     _, first = np.unique(np.sort(ends, axis=1), axis=0, return_index=True)
     rows = use[np.sort(first)]
-    return Links(
+    return LostRobotLinks(
         np.stack([ranges.a[rows], ranges.b[rows]], axis=1), ranges.anchor[rows], ranges.range[rows]
     )
 
 
-def rivals_of(
+def alternative_beliefs(
     belief: Belief, lever: Floats, ranges: RangeTable, lost: Indices
 ) -> list[list[Belief]]:
     """For each set of positions that the `lost` blocks (L,) may have: a belief for each heading.
 
     The k-th belief turns all of them by the same angle; headings near those believed come first.
     """
-    links, mean = links_of(ranges, lost), belief.mean[0]
-    turns = [(k + 1) // 2 * (-1) ** k * 2.0 * np.pi / HEADINGS for k in range(HEADINGS)]
+    links, mean = lost_robot_links(ranges, lost), belief.mean[0]
+    turns = [(k + 1) // 2 * (-1) ** k * 2.0 * np.pi / HEADINGS_TRIED for k in range(HEADINGS_TRIED)]
     made = []
-    for places, error in positions(mean, lever, links, lost):
-        P = widened(belief.covariance[0], lost, (max(LOST_POSITION, error), LOST_HEADING))
+    for places, error in candidate_positions(mean, lever, links, lost):
+        P = widen_blocks(
+            belief.covariance[0], lost, (max(LOST_POSITION_SIGMA_M, error), LOST_HEADING_SIGMA)
+        )
         begun = []
         for turn in turns:
             x = mean.copy()
             x[3 * lost], x[3 * lost + 1] = places.T
             x[3 * lost + 2] += turn
-            x[: 3 * lever.shape[0]].reshape(-1, 3)[lost, :2] -= arms(x, lever)[lost]
+            x[: 3 * lever.shape[0]].reshape(-1, 3)[lost, :2] -= antenna_offsets(x, lever)[lost]
             begun.append(Belief(np.zeros(1), x[None], P[None]))
         made.append(begun)
     return made
 
 
-def widened(P: Floats, lost: Indices, sigma: tuple[float, float]) -> Floats:
+def widen_blocks(P: Floats, lost: Indices, sigma: tuple[float, float]) -> Floats:
     """A covariance (N, N) that knows the `lost` blocks to `sigma` (m, rad) only."""
     P = P.copy()
     for first in 3 * lost:
@@ -78,35 +80,39 @@ def widened(P: Floats, lost: Indices, sigma: tuple[float, float]) -> Floats:
     return P
 
 
-def positions(
-    mean: Floats, lever: Floats, links: Links, lost: Indices
+def candidate_positions(
+    mean: Floats, lever: Floats, links: LostRobotLinks, lost: Indices
 ) -> list[tuple[Floats, float]]:
     """Where the `lost` blocks may be, (L, 2), the best first, and how far ranges miss that, m.
 
     Each block by itself is where its ranges put it from the believed position on, or from the
     mirror image of that in the line through its partners; from there all are fitted together.
     """
-    at = mean[: 3 * lever.shape[0]].reshape(-1, 3)[:, :2] + arms(mean, lever)
+    at = mean[: 3 * lever.shape[0]].reshape(-1, 3)[:, :2] + antenna_offsets(mean, lever)
     places = []
     for i in lost:
-        own = with_known(links, i, lost)
-        near = fit(at, own, np.array([i]), at[i])
+        own = links_to_known(links, i, lost)
+        near = fit_positions(at, own, np.array([i]), at[i])
         moved = at.copy()
         moved[i] = near.places[0]
-        places.append((near.places[0], mirrored(moved, own, i)))
-    if lost.size <= FEW:
+        places.append((near.places[0], mirror_position(moved, own, i)))
+    if lost.size <= MAX_MIRRORED_ROBOTS:
         begins = [np.array(begin) for begin in product(*places)]
     else:
         begins = [np.array(begin) for begin in zip(*places, strict=True)]
-    fits = sorted((fit(at, links, lost, begin) for begin in begins), key=lambda each: each.cost)
-    kept: list[Fit] = []
+    fits = sorted(
+        (fit_positions(at, links, lost, begin) for begin in begins), key=lambda each: each.cost
+    )
+    kept: list[PositionFit] = []
     for each in fits:
-        if all(np.abs(each.places - other.places).max() > APART for other in kept):
+        if all(
+            np.abs(each.places - other.places).max() > MIN_POSITION_DISTANCE_M for other in kept
+        ):
             kept.append(each)
-    return [(each.places, each.error) for each in kept[:MOST]]
+    return [(each.places, each.error) for each in kept[:MAX_POSITION_SETS]]
 
 
-class Fit(NamedTuple):
+class PositionFit(NamedTuple):
     """Positions that fit ranges."""
 
     places: Floats
@@ -116,7 +122,7 @@ class Fit(NamedTuple):
     cost: float
 
 
-def fit(at: Floats, links: Links, lost: Indices, begin: Floats) -> Fit:
+def fit_positions(at: Floats, links: LostRobotLinks, lost: Indices, begin: Floats) -> PositionFit:
     """The `lost` (L,) of the antennas `at` (B, 2) moved to where ranges put them, from a beginning.
 
     What ranges leave open stays near the believed position. Outliers count little.
@@ -124,27 +130,31 @@ def fit(at: Floats, links: Links, lost: Indices, begin: Floats) -> Fit:
     from scipy.optimize import least_squares  # noqa: PLC0415 - slow, and seldom needed
 
     old = at[lost].ravel()
-    spread = max(float(np.max(np.abs(misses(at, links)), initial=0.0)), LOST_POSITION)
+    spread = max(
+        float(np.max(np.abs(link_range_errors(at, links)), initial=0.0)), LOST_POSITION_SIGMA_M
+    )
 
     def errors(free: Floats) -> Floats:
         moved = at.copy()
         moved[lost] = free.reshape(-1, 2)
-        return np.concatenate([misses(moved, links), OUTLYING / spread * (free - old)])
+        return np.concatenate(
+            [link_range_errors(moved, links), OUTLIER_SCALE_M / spread * (free - old)]
+        )
 
-    found = least_squares(errors, begin.ravel(), loss="cauchy", f_scale=OUTLYING)
+    found = least_squares(errors, begin.ravel(), loss="cauchy", f_scale=OUTLIER_SCALE_M)
     error = float(np.median(np.abs(found.fun[: links.range.size])))
-    return Fit(found.x.reshape(-1, 2), error, float(found.cost))
+    return PositionFit(found.x.reshape(-1, 2), error, float(found.cost))
 
 
-def with_known(links: Links, i: int, lost: Indices) -> Links:
+def links_to_known(links: LostRobotLinks, i: int, lost: Indices) -> LostRobotLinks:
     """The links of block i with partners that are not lost; all of its links if those are few."""
     own = np.any(links.ends == i, axis=1)
     known = own & (np.sum(np.isin(links.ends, lost), axis=1) == 1)
     rows = known if np.sum(known) > 1 else own
-    return Links._make(column[rows] for column in links)
+    return LostRobotLinks._make(column[rows] for column in links)
 
 
-def arms(mean: Floats, lever: Floats) -> Floats:
+def antenna_offsets(mean: Floats, lever: Floats) -> Floats:
     """From the pose of each block in a state (N,) to its antenna, in its frame, (B, 2), m."""
     theta = mean[2 : 3 * lever.shape[0] : 3]
     c, s = np.cos(theta), np.sin(theta)
@@ -152,23 +162,23 @@ def arms(mean: Floats, lever: Floats) -> Floats:
     return turned[:, :, 0]
 
 
-def partners(places: Floats, links: Links, end: int) -> Floats:
+def link_end_positions(places: Floats, links: LostRobotLinks, end: int) -> Floats:
     """Where that `end` (0 or 1) of each link is, shape (m, 2), m."""
     i = links.ends[:, end]
     at: Floats = np.where(i[:, None] < 0, links.fixed, places[np.maximum(i, 0)])
     return at
 
 
-def misses(places: Floats, links: Links) -> Floats:
+def link_range_errors(places: Floats, links: LostRobotLinks) -> Floats:
     """By how much each range is shorter than the distance, m."""
-    line = partners(places, links, 0) - partners(places, links, 1)
+    line = link_end_positions(places, links, 0) - link_end_positions(places, links, 1)
     length: Floats = np.hypot(line[:, 0], line[:, 1])
     return length - links.range
 
 
-def mirrored(places: Floats, links: Links, i: int) -> Floats:
+def mirror_position(places: Floats, links: LostRobotLinks, i: int) -> Floats:
     """Block i's antenna mirrored in the line that fits its partners best, (2,), m."""
-    others = [partners(places, links, 1 - end)[links.ends[:, end] == i] for end in (0, 1)]
+    others = [link_end_positions(places, links, 1 - end)[links.ends[:, end] == i] for end in (0, 1)]
     points = np.concatenate(others)
     middle = points.mean(axis=0)
     along = np.linalg.svd(points - middle)[2][0]

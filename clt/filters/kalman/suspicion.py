@@ -10,52 +10,61 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.core.recording import Indices, Stamps
-from clt.jit.compiled import lean
+from clt.jit.compiled import compiled_noalloc
 
-DUE, ACCEPTED, CONTRADICTED, ACCUSER, SEARCHED, FOUND = 0, 1, 2, 3, 4, 5
+NEXT_CHECK, ACCEPTED_COUNT, REJECTED_COUNT, REJECTING_PARTNER, SEARCH_COUNT, FOUND_COUNT = (
+    0,
+    1,
+    2,
+    3,
+    4,
+    5,
+)
 """Columns of the record: when the robot is judged next (ns), its ranges accepted and rejected since
 it was judged last, who disagreed, how often it was searched for and how often that was right."""
-NOBODY, SEVERAL = -1_000_000, -1_000_001
+NO_PARTNER, SEVERAL_PARTNERS = -1_000_000, -1_000_001
 """Who contradicts a robot, where it is not one partner."""
-SHARE = 0.4
+LOST_REJECTED_SHARE = 0.4
 """A robot looks lost when more than this share of its ranges is rejected: of two that are lost in
 the same way, and of four partners, each is contradicted by two."""
 
 
-def unsuspected(n: int, due: int) -> Indices:
+def new_verdict_record(n: int, due: int) -> Indices:
     """The record of n robots that are judged at the time `due` (ns) first, shape (n, 6)."""
-    return np.tile(np.array([due, 0, 0, NOBODY, 0, 0]), (n, 1))
+    return np.tile(np.array([due, 0, 0, NO_PARTNER, 0, 0]), (n, 1))
 
 
-def clear(record: Indices, robots: NDArray[np.bool_], due: int) -> None:
+def reset_verdict_record(record: Indices, robots: NDArray[np.bool_], due: int) -> None:
     """Forget in place what the ranges of some `robots` (n,) said; they are judged next when due."""
-    record[robots, :SEARCHED] = due, 0, 0, NOBODY
+    record[robots, :SEARCH_COUNT] = due, 0, 0, NO_PARTNER
 
 
-def look_lost(record: Indices) -> NDArray[np.bool_]:
+def robots_that_look_lost(record: Indices) -> NDArray[np.bool_]:
     """Whether its ranges contradict each robot, whenever it is judged, shape (n,)."""
-    many = record[:, CONTRADICTED] > SHARE * (record[:, ACCEPTED] + record[:, CONTRADICTED])
-    lost: NDArray[np.bool_] = many & (record[:, ACCUSER] == SEVERAL)
+    many = record[:, REJECTED_COUNT] > LOST_REJECTED_SHARE * (
+        record[:, ACCEPTED_COUNT] + record[:, REJECTED_COUNT]
+    )
+    lost: NDArray[np.bool_] = many & (record[:, REJECTING_PARTNER] == SEVERAL_PARTNERS)
     return lost
 
 
-@lean
-def note(record: Indices, i: int, partner: int, used: bool) -> None:
+@compiled_noalloc
+def count_verdict(record: Indices, i: int, partner: int, used: bool) -> None:
     """Enter for robot i (none if negative) that a range with `partner` was accepted or rejected."""
     if i < 0:
         return
     if used:
-        record[i, ACCEPTED] += 1
+        record[i, ACCEPTED_COUNT] += 1
         return
-    record[i, CONTRADICTED] += 1
-    if record[i, ACCUSER] == NOBODY:
-        record[i, ACCUSER] = partner
-    elif record[i, ACCUSER] != partner:
-        record[i, ACCUSER] = SEVERAL
+    record[i, REJECTED_COUNT] += 1
+    if record[i, REJECTING_PARTNER] == NO_PARTNER:
+        record[i, REJECTING_PARTNER] = partner
+    elif record[i, REJECTING_PARTNER] != partner:
+        record[i, REJECTING_PARTNER] = SEVERAL_PARTNERS
 
 
-@lean
-def next_suspicion(
+@compiled_noalloc
+def find_next_lost(
     record: Indices, a: Indices, b: Indices, stamp: Stamps, verdict: Indices, m: int, patience: int
 ) -> int:
     """Go on through the verdicts on ranges from row m; the first row by which a robot looks lost.
@@ -66,19 +75,19 @@ def next_suspicion(
     while m < stamp.size:
         now, lost = stamp[m], False
         for i in range(record.shape[0]):
-            if now <= record[i, DUE]:
+            if now <= record[i, NEXT_CHECK]:
                 continue
-            rejected = record[i, CONTRADICTED]
-            many = rejected > SHARE * (record[i, ACCEPTED] + rejected)
-            if many and record[i, ACCUSER] == SEVERAL:
+            rejected = record[i, REJECTED_COUNT]
+            many = rejected > LOST_REJECTED_SHARE * (record[i, ACCEPTED_COUNT] + rejected)
+            if many and record[i, REJECTING_PARTNER] == SEVERAL_PARTNERS:
                 lost = True
             else:
-                record[i, DUE], record[i, ACCUSER] = now + patience, NOBODY
-                record[i, ACCEPTED] = record[i, CONTRADICTED] = 0
+                record[i, NEXT_CHECK], record[i, REJECTING_PARTNER] = now + patience, NO_PARTNER
+                record[i, ACCEPTED_COUNT] = record[i, REJECTED_COUNT] = 0
         if lost:
             return m
         while m < stamp.size and stamp[m] == now:
-            note(record, a[m], b[m], verdict[m] != 0)
-            note(record, b[m], a[m], verdict[m] != 0)
+            count_verdict(record, a[m], b[m], verdict[m] != 0)
+            count_verdict(record, b[m], a[m], verdict[m] != 0)
             m += 1
     return m

@@ -10,13 +10,13 @@ import numpy as np
 
 from clt.core.recording import Floats, Stamps
 from clt.model.inputs import Outputs, RangeTable
-from clt.model.known_odometry import rows_after
+from clt.model.known_odometry import segments_after
 from clt.model.problem import Problem
 from clt.model.settings import FilterSettings
 from clt.model.solution import Filter, Solution
 
 
-class Piece(NamedTuple):
+class HistoryPart(NamedTuple):
     """A part of a run: the problem with the belief and memory that it began with."""
 
     problem: Problem
@@ -26,35 +26,35 @@ class Piece(NamedTuple):
     """Of the residual, m^2."""
 
 
-def piece_of(problem: Problem, solution: Solution) -> Piece:
+def make_history_part(problem: Problem, solution: Solution) -> HistoryPart:
     """A problem as its filter solved it."""
-    return Piece(problem, solution.residual, solution.variance)
+    return HistoryPart(problem, solution.residual, solution.variance)
 
 
-def since(
-    trail: Sequence[Piece], start: int, settings: FilterSettings, run: Filter
-) -> tuple[Piece, ...]:
+def history_since(
+    trail: Sequence[HistoryPart], start: int, settings: FilterSettings, run: Filter
+) -> tuple[HistoryPart, ...]:
     """A trail from the time `start` (ns) on, or as far back as it reaches."""
     first, *rest = (piece for piece in trail if piece.problem.end > start)
     whole = first.problem
     if whole.start < start:
-        left = run(silent(cut(whole, whole.start, start)), settings)
+        left = run(without_outputs(cut_problem(whole, whole.start, start)), settings)
         rows = slice(int(np.searchsorted(whole.ranges.stamp, start)), None)
-        later = resumed(cut(whole, start), left)
-        first = Piece(later, first.residual[rows], first.variance[rows])
+        later = resume_problem(cut_problem(whole, start), left)
+        first = HistoryPart(later, first.residual[rows], first.variance[rows])
     return (first, *rest)
 
 
-def before(trail: Sequence[Piece], end: int) -> tuple[Piece, ...]:
+def history_before(trail: Sequence[HistoryPart], end: int) -> tuple[HistoryPart, ...]:
     """A trail until before the time `end` (ns), which is in its last piece; without outputs."""
     last = trail[-1]
-    part = cut(last.problem, last.problem.start, end)
+    part = cut_problem(last.problem, last.problem.start, end)
     n = part.ranges.stamp.size
-    pieces = (*trail[:-1], Piece(part, last.residual[:n], last.variance[:n]))
-    return tuple(piece._replace(problem=silent(piece.problem)) for piece in pieces)
+    pieces = (*trail[:-1], HistoryPart(part, last.residual[:n], last.variance[:n]))
+    return tuple(piece._replace(problem=without_outputs(piece.problem)) for piece in pieces)
 
 
-def cut(problem: Problem, start: int, end: int | None = None) -> Problem:
+def cut_problem(problem: Problem, start: int, end: int | None = None) -> Problem:
     """The problem from `start` until before `end` (ns), by default to where it ends.
 
     Its belief and memory are left as they are.
@@ -67,7 +67,7 @@ def cut(problem: Problem, start: int, end: int | None = None) -> Problem:
     rows, wanted = inside(problem.ranges.stamp), inside(problem.outputs.stamp)
     return replace(
         problem,
-        segments=rows_after(problem.segments, start),
+        segments=segments_after(problem.segments, start),
         ranges=RangeTable._make(column[rows] for column in problem.ranges),
         outputs=Outputs._make(column[wanted] for column in problem.outputs),
         start=start,
@@ -75,11 +75,11 @@ def cut(problem: Problem, start: int, end: int | None = None) -> Problem:
     )
 
 
-def resumed(problem: Problem, earlier: Solution) -> Problem:
+def resume_problem(problem: Problem, earlier: Solution) -> Problem:
     """The problem from where an earlier solution ended."""
     return replace(problem, prior=None, belief=earlier.belief, memory=earlier.memory)
 
 
-def silent(problem: Problem) -> Problem:
+def without_outputs(problem: Problem) -> Problem:
     """The problem without outputs."""
     return replace(problem, outputs=Outputs._make(column[:0] for column in problem.outputs))

@@ -16,43 +16,49 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.core.recording import Floats, Indices
-from clt.filters.kalman.eskf import REJECTED, USED, Run, most_at_once, read_out
+from clt.filters.kalman.eskf import (
+    RANGE_REJECTED,
+    RANGE_USED,
+    KalmanOutput,
+    max_ranges_per_stamp,
+    write_pose_output,
+)
 from clt.filters.kalman.free import (
-    Free,
-    add_bend,
-    add_turns,
-    exchange,
-    find,
-    find_bend,
-    free_of,
-    hold_still,
-    wanted,
+    UnobservableDirections,
+    add_turn_curvature,
+    add_unobservable,
+    directions_for_problem,
+    find_turn_variance,
+    find_unobservable,
+    replace_unobservable,
+    subtract_unobservable,
+    use_first_estimates,
 )
-from clt.filters.kalman.gaussian import process_form, single
-from clt.filters.kalman.reacquisition import follow
+from clt.filters.kalman.gaussian import process_noise_form, single_gaussian
+from clt.filters.kalman.reacquisition import solve_with_search
 from clt.filters.kalman.unscented import (
-    Measured,
-    Points,
-    center,
-    covariance_of,
-    draw,
-    fuse,
-    measured_of,
-    mirror,
-    points_of,
+    MeasurementMoments,
+    SigmaPoints,
+    center_sigma_points,
+    draw_sigma_points,
+    fuse_jointly,
+    make_measurement_moments,
+    make_sigma_points,
+    mirror_upper,
+    sigma_point_covariance,
 )
-from clt.jit.compiled import inlined, lean
-from clt.model.covariance_propagation import add_noise, noise_gains
-from clt.model.inputs import Outputs, RangeTable, Segments
+from clt.jit.compiled import compiled_noalloc, inlined
+from clt.model.covariance_propagation import add_input_noise, input_noise_gains
+from clt.model.inputs import Outputs, RangeTable, TwistSegments
 from clt.model.problem import Problem
-from clt.model.range_model import distance_of
+from clt.model.range_model import predict_distance
 from clt.model.settings import FilterSettings
 from clt.model.solution import Solution
-from clt.model.state_space import Space, move, move_block, twist
-from clt.model.unicycle import SHI, process_noise
+from clt.model.state_space import StateSpace, corrected_twist, move_block, move_blocks
+from clt.model.unicycle import SHI_NOISE, process_noise
 
 
-class State(NamedTuple):
+class UkfState(NamedTuple):
     """What the filter knows of B blocks moved by D drivers; N numbers."""
 
     x: Floats
@@ -66,91 +72,101 @@ class State(NamedTuple):
 
 
 @inlined
-def plain(space: Space, x: Floats) -> bool:
+def has_poses_only(space: StateSpace, x: Floats) -> bool:
     """Whether a state holds poses alone, and no errors of odometry that move several of them."""
     return x.size == 3 * space.who.size
 
 
 @inlined
-def move_points(points: Points, space: Space, d: int, v: float, omega: float, dt: float) -> None:
+def move_sigma_points(
+    points: SigmaPoints, space: StateSpace, d: int, v: float, omega: float, dt: float
+) -> None:
     """Driver d moves its blocks of all pairs of sigma points that differ from the mean there."""
     for j in range(space.first[d], space.first[d + 1]):
         i, forward = space.block[j], space.forward[j]
-        pairs = 3 * i + 3 if plain(space, points.m) else points.m.size
+        pairs = 3 * i + 3 if has_poses_only(space, points.m) else points.m.size
         for k in range(pairs):
             for side in (points.plus[k], points.minus[k]):
-                v_k, omega_k = twist(side, space, d, v, omega)
+                v_k, omega_k = corrected_twist(side, space, d, v, omega)
                 move_block(side, i, forward, v_k, omega_k, dt)
 
 
 @inlined
 def add_process_noise(
-    state: State, space: Space, d: int, segments: Segments, k: int, dt: float, form: int
+    state: UkfState,
+    space: StateSpace,
+    d: int,
+    segments: TwistSegments,
+    k: int,
+    dt: float,
+    form: int,
 ) -> None:
     """What the errors of the twist of segment k add over dt seconds, at the moved mean."""
     x, P, interval = state.x, state.P, segments.interval[k]
     var_v, var_omega = segments.var_v[k], segments.var_omega[k]
-    v, omega = twist(x, space, d, segments.v[k], segments.omega[k])
-    if form != SHI:
-        noise_gains(x, state.G, space, d, v, omega, dt)
-        add_noise(P, state.G, space, d, var_v * interval * dt, var_omega * interval * dt)
+    v, omega = corrected_twist(x, space, d, segments.v[k], segments.omega[k])
+    if form != SHI_NOISE:
+        input_noise_gains(x, state.G, space, d, v, omega, dt)
+        add_input_noise(P, state.G, space, d, var_v * interval * dt, var_omega * interval * dt)
         return
     X, Y, T = 3 * d, 3 * d + 1, 3 * d + 2
     half = x[T] - 0.5 * omega * dt
     xx, _, yy, _, _, tt = process_noise(
-        v, dt, math.cos(half), math.sin(half), interval, var_v, var_omega, SHI
+        v, dt, math.cos(half), math.sin(half), interval, var_v, var_omega, SHI_NOISE
     )
     P[X, X] += xx
     P[Y, Y] += yy
     P[T, T] += tt
 
 
-@lean
-def step(
-    state: State, points: Points, space: Space, segments: Segments, ranges: RangeTable, m: int,
-    free: Free, dt: float, form: int,
+@compiled_noalloc
+def propagate_sigma_points(
+    state: UkfState, points: SigmaPoints, space: StateSpace, segments: TwistSegments, ranges: RangeTable, m: int,
+    free: UnobservableDirections, dt: float, form: int,
 ) -> None:  # fmt: skip
     """All drivers move for dt seconds with the twists of their segments: x and P, in place.
 
     m: any range; those are the free turns of no range at all.
     """
     x, P, cursor = state.x, state.P, state.cursor
-    blocks = plain(space, x)
+    blocks = has_poses_only(space, x)
     turns = 0
     if space.base[0] >= 0:
-        turns = find(x, P, space, ranges, m, m, segments, cursor, free)
-    draw_held(x, P, turns, free, points)
+        turns = find_unobservable(x, P, space, ranges, m, m, segments, cursor, free)
+    draw_observable_points(x, P, turns, free, points)
     for d in range(cursor.size):
         k = cursor[d]
         if k < segments.first[d + 1]:
-            move_points(points, space, d, segments.v[k], segments.omega[k], dt)
-            v, omega = twist(x, space, d, segments.v[k], segments.omega[k])
-            move(x, space, d, v, omega, dt)
-    center(x, points, blocks)
-    covariance_of(points, P, blocks)
+            move_sigma_points(points, space, d, segments.v[k], segments.omega[k], dt)
+            v, omega = corrected_twist(x, space, d, segments.v[k], segments.omega[k])
+            move_blocks(x, space, d, v, omega, dt)
+    center_sigma_points(x, points, blocks)
+    sigma_point_covariance(points, P, blocks)
     for d in range(cursor.size):
         if cursor[d] < segments.first[d + 1]:
             add_process_noise(state, space, d, segments, cursor[d], dt, form)
-    mirror(P)
+    mirror_upper(P)
     for c in range(x.size):
         x[c] += points.m[c]
-    add_turns(x, P, space, ranges, m, m, segments, cursor, free, turns)
+    add_unobservable(x, P, space, ranges, m, m, segments, cursor, free, turns)
 
 
 @inlined
-def draw_held(x: Floats, P: Floats, turns: int, free: Free, points: Points) -> None:
+def draw_observable_points(
+    x: Floats, P: Floats, turns: int, free: UnobservableDirections, points: SigmaPoints
+) -> None:
     """The sigma points of what of P is along none of the turns found."""
     if turns > 0:
-        hold_still(P, turns, free)
-        draw(x, free.U, points)
+        subtract_unobservable(P, turns, free)
+        draw_sigma_points(x, free.U, points)
     else:
-        draw(x, P, points)
+        draw_sigma_points(x, P, points)
 
 
-@lean
-def advance(
-    state: State, points: Points, space: Space, segments: Segments, ranges: RangeTable, m: int,
-    free: Free, now: int, until: int, form: int,
+@compiled_noalloc
+def propagate_to_time(
+    state: UkfState, points: SigmaPoints, space: StateSpace, segments: TwistSegments, ranges: RangeTable, m: int,
+    free: UnobservableDirections, now: int, until: int, form: int,
 ) -> None:  # fmt: skip
     """From the time `now` to `until` (ns), in steps of constant twists."""
     cursor, first, end = state.cursor, segments.first, segments.end
@@ -159,7 +175,9 @@ def advance(
         for d in range(cursor.size):
             if cursor[d] < first[d + 1]:
                 stop = min(stop, end[cursor[d]])
-        step(state, points, space, segments, ranges, m, free, (stop - now) * 1e-9, form)
+        propagate_sigma_points(
+            state, points, space, segments, ranges, m, free, (stop - now) * 1e-9, form
+        )
         for d in range(cursor.size):
             if cursor[d] < first[d + 1] and end[cursor[d]] == stop:
                 cursor[d] += 1
@@ -168,20 +186,20 @@ def advance(
 
 @inlined
 def range_moments(
-    x: Floats, points: Points, lever: Floats, ranges: RangeTable, row: int, measured: Measured,
+    x: Floats, points: SigmaPoints, lever: Floats, ranges: RangeTable, row: int, measured: MeasurementMoments,
     j: int,
 ) -> tuple[float, float]:  # fmt: skip
     """Mean and variance of range `row` over the sigma points; its halves to column j."""
     a, b = ranges.a[row], ranges.b[row]
     px, py = ranges.anchor[row, 0], ranges.anchor[row, 1]
     s = points.s
-    h = distance_of(x, lever, a, b, px, py)
+    h = predict_distance(x, lever, a, b, px, py)
     # Later pairs differ from the mean in later blocks only.
     pairs = 3 * max(a, b) + 3
     m, variance = 0.0, 0.0
     for k in range(pairs):
-        p = distance_of(points.plus[k], lever, a, b, px, py) - h
-        q = distance_of(points.minus[k], lever, a, b, px, py) - h
+        p = predict_distance(points.plus[k], lever, a, b, px, py) - h
+        q = predict_distance(points.minus[k], lever, a, b, px, py) - h
         odd, even = 0.5 * (p - q) / s, 0.5 * (p + q) / s
         measured.odd[k, j], measured.even[k, j] = odd, even
         m += even / s
@@ -192,71 +210,71 @@ def range_moments(
     return h + m, variance + points.excess * m * m
 
 
-@lean
-def innovate(
-    state: State, points: Points, lever: Floats, ranges: RangeTable, first: int, last: int,
-    gate: float, measured: Measured, run: Run,
+@compiled_noalloc
+def unscented_innovations(
+    state: UkfState, points: SigmaPoints, lever: Floats, ranges: RangeTable, first: int, last: int,
+    gate: float, measured: MeasurementMoments, run: KalmanOutput,
 ) -> int:  # fmt: skip
     """Predict and gate the ranges first .. last - 1; how many are used, in the first columns."""
     count = 0
     for row in range(first, last):
         mean, variance = range_moments(state.x, points, lever, ranges, row, measured, count)
         r, S = ranges.range[row] - mean, variance + ranges.variance[row]
-        verdict = USED if gate <= 0.0 or r * r <= gate * S else REJECTED
+        verdict = RANGE_USED if gate <= 0.0 or r * r <= gate * S else RANGE_REJECTED
         run.residual[row], run.variance[row], run.verdict[row] = r, S, verdict
         measured.residual[count], measured.R[count] = r, ranges.weight_variance[row]
         count += verdict
     return count
 
 
-@lean
-def correct(
-    state: State, points: Points, lever: Floats, ranges: RangeTable, first: int, last: int,
-    gate: float, space: Space, segments: Segments, free: Free, measured: Measured, run: Run,
+@compiled_noalloc
+def unscented_update(
+    state: UkfState, points: SigmaPoints, lever: Floats, ranges: RangeTable, first: int, last: int,
+    gate: float, space: StateSpace, segments: TwistSegments, free: UnobservableDirections, measured: MeasurementMoments, run: KalmanOutput,
 ) -> None:  # fmt: skip
     """Gate and fuse the ranges of one instant."""
     x, P, cursor = state.x, state.P, state.cursor
-    turns = find(x, P, space, ranges, first, last, segments, cursor, free)
-    draw_held(x, P, turns, free, points)
-    count = innovate(state, points, lever, ranges, first, last, gate, measured, run)
-    fuse(x, P, points.L, measured, count, points.excess)
-    exchange(x, P, space, ranges, first, last, segments, cursor, free, turns)
+    turns = find_unobservable(x, P, space, ranges, first, last, segments, cursor, free)
+    draw_observable_points(x, P, turns, free, points)
+    count = unscented_innovations(state, points, lever, ranges, first, last, gate, measured, run)
+    fuse_jointly(x, P, points.L, measured, count, points.excess)
+    replace_unobservable(x, P, space, ranges, first, last, segments, cursor, free, turns)
 
 
-@lean
-def ukf(
-    state: State, points: Points, start: int, end: int, space: Space, lever: Floats,
-    segments: Segments, ranges: RangeTable, outputs: Outputs, gate: float,
-    form: int, free: Free, measured: Measured, run: Run,
+@compiled_noalloc
+def ukf_kernel(
+    state: UkfState, points: SigmaPoints, start: int, end: int, space: StateSpace, lever: Floats,
+    segments: TwistSegments, ranges: RangeTable, outputs: Outputs, gate: float,
+    form: int, free: UnobservableDirections, measured: MeasurementMoments, run: KalmanOutput,
 ) -> None:  # fmt: skip
     """The filter over a whole log: fills `run`; `state` ends as the last posterior.
 
     Ranges of one stamp are fused together, before the outputs of that stamp.
     """
     M, O = ranges.stamp.size, outputs.stamp.size  # noqa: E741
-    # As in `eskf`: a literal 0 would compile all that is called with it once more.
+    # As in `eskf_kernel`: a literal 0 would compile all that is called with it once more.
     m: int = np.int64(0)  # type: ignore[assignment]
     o, now = m, start
     while m < M or o < O:
         stamp = outputs.stamp[o] if o < O else ranges.stamp[m]
         if m < M:
             stamp = min(stamp, ranges.stamp[m])
-        advance(state, points, space, segments, ranges, m, free, now, stamp, form)
+        propagate_to_time(state, points, space, segments, ranges, m, free, now, stamp, form)
         now, last = stamp, m
         while last < M and ranges.stamp[last] == now:
             last += 1
         if last > m:
-            correct(
+            unscented_update(
                 state, points, lever, ranges, m, last, gate, space, segments, free, measured, run,
             )  # fmt: skip
             m = last
         if o < O and outputs.stamp[o] == now:
-            find_bend(state.x, state.P, space, ranges, m, segments, state.cursor, free)
+            find_turn_variance(state.x, state.P, space, ranges, m, segments, state.cursor, free)
         while o < O and outputs.stamp[o] == now:
-            read_out(state.x, state.P, outputs.robot[o], run.mean, run.covariance, o)
-            add_bend(state.x, space, outputs.robot[o], free, run.covariance[o])
+            write_pose_output(state.x, state.P, outputs.robot[o], run.mean, run.covariance, o)
+            add_turn_curvature(state.x, space, outputs.robot[o], free, run.covariance[o])
             o += 1
-    advance(state, points, space, segments, ranges, m, free, now, max(now, end), form)
+    propagate_to_time(state, points, space, segments, ranges, m, free, now, max(now, end), form)
 
 
 def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:
@@ -264,32 +282,34 @@ def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:
 
     Raises UsageError for Shi's process noise outside the world frame.
     """
-    return follow(problem, settings, partial(solve, hold=wanted(problem, settings)))
+    return solve_with_search(
+        problem, settings, partial(filter_ukf, hold=use_first_estimates(problem, settings))
+    )
 
 
-def solve_alone(problem: Problem, settings: FilterSettings) -> Solution:
+def solve_ukf_without_search(problem: Problem, settings: FilterSettings) -> Solution:
     """Run the filter without a search for robots that look lost."""
-    return solve(problem, settings, hold=wanted(problem, settings))
+    return filter_ukf(problem, settings, hold=use_first_estimates(problem, settings))
 
 
-def solve(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
+def filter_ukf(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
     """Run the filter alone; `hold` what no range tells (`free`), decided once for a whole log."""
-    form = process_form(problem, settings)
+    form = process_noise_form(problem, settings)
     x, P = problem.mean.astype(np.float64), problem.covariance.astype(np.float64)
     segments, ranges = problem.segments, problem.ranges
-    state = State(x, P, segments.first[:-1].copy(), np.zeros((x.size, 2)))
+    state = UkfState(x, P, segments.first[:-1].copy(), np.zeros((x.size, 2)))
     M, O = ranges.stamp.size, problem.outputs.stamp.size  # noqa: E741
-    run = Run(
+    run = KalmanOutput(
         np.empty((O, 3)), np.empty((O, 3, 3)),
         np.empty(M), np.empty(M), np.empty(M, np.int64), x, P,
     )  # fmt: skip
-    ukf(
-        state, points_of(x.size, settings.ukf), problem.start, problem.end, problem.space,
+    ukf_kernel(
+        state, make_sigma_points(x.size, settings.ukf), problem.start, problem.end, problem.space,
         problem.lever, segments, ranges, problem.outputs, settings.gate,
-        form, free_of(problem, hold),
-        measured_of(most_at_once(ranges.stamp), x.size), run,
+        form, directions_for_problem(problem, hold),
+        make_measurement_moments(max_ranges_per_stamp(ranges.stamp), x.size), run,
     )  # fmt: skip
     return Solution(
         run.mean, run.covariance, run.residual, run.variance, run.verdict,
-        np.zeros(len(problem.robots), np.int64), single(x, P),
+        np.zeros(len(problem.robots), np.int64), single_gaussian(x, P),
     )  # fmt: skip

@@ -21,22 +21,22 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.core.recording import Floats
-from clt.jit.compiled import inlined, lean
-from clt.model.settings import Ukf
+from clt.jit.compiled import compiled_noalloc, inlined
+from clt.model.settings import UkfSettings
 
-ROUNDING = 2.220446049250313e-16
+MACHINE_EPSILON = 2.220446049250313e-16
 """Of one operation, relative."""
 
 
-class Points(NamedTuple):
+class SigmaPoints(NamedTuple):
     """The pairs of sigma points of a state of N numbers, and scratch."""
 
     L: Floats
     """Row k holds L_k, zero before its k-th number, shape (N, N)."""
     plus: Floats
-    """Row k is x + s L_k; after `center` o_k."""
+    """Row k is x + s L_k; after `center_sigma_points` o_k."""
     minus: Floats
-    """Row k is x - s L_k; after `center` q_k."""
+    """Row k is x - s L_k; after `center_sigma_points` q_k."""
     m: Floats
     """What curvature adds to the mean, shape (N,)."""
     s: float
@@ -44,15 +44,15 @@ class Points(NamedTuple):
     """beta - alpha^2."""
 
 
-def points_of(N: int, settings: Ukf) -> Points:
+def make_sigma_points(N: int, settings: UkfSettings) -> SigmaPoints:
     """Room for the sigma points of a state of N numbers."""
     L, plus, minus = (np.zeros((N, N)) for _ in range(3))
     s = settings.alpha * math.sqrt(N + settings.kappa)
-    return Points(L, plus, minus, np.zeros(N), s, settings.beta - settings.alpha**2)
+    return SigmaPoints(L, plus, minus, np.zeros(N), s, settings.beta - settings.alpha**2)
 
 
-@lean
-def factor(P: Floats, U: Floats, n: int) -> None:
+@compiled_noalloc
+def cholesky_upper(P: Floats, U: Floats, n: int) -> None:
     """U with U^T U = P, upper triangular, of the first n rows of a covariance; P's upper half.
 
     A pivot of no more than rounding makes a row of zeros: P may be singular.
@@ -62,7 +62,7 @@ def factor(P: Floats, U: Floats, n: int) -> None:
             U[r, c] = P[r, c]
     for k in range(n):
         pivot = U[k, k]
-        if pivot <= n * ROUNDING * P[k, k]:
+        if pivot <= n * MACHINE_EPSILON * P[k, k]:
             for c in range(k, n):
                 U[k, c] = 0.0
             continue
@@ -76,11 +76,11 @@ def factor(P: Floats, U: Floats, n: int) -> None:
                     U[r, c] -= f * U[k, c]
 
 
-@lean
-def draw(x: Floats, P: Floats, points: Points) -> None:
+@compiled_noalloc
+def draw_sigma_points(x: Floats, P: Floats, points: SigmaPoints) -> None:
     """The pairs of sigma points of a mean and a covariance."""
     L, plus, minus, _, s, _ = points
-    factor(P, L, x.size)
+    cholesky_upper(P, L, x.size)
     for k in range(x.size):
         for c in range(x.size):
             plus[k, c] = x[c] + s * L[k, c]
@@ -88,15 +88,15 @@ def draw(x: Floats, P: Floats, points: Points) -> None:
 
 
 @inlined
-def mirror(P: Floats) -> None:
+def mirror_upper(P: Floats) -> None:
     """Copy the upper half of P to the lower."""
     for r in range(P.shape[0]):
         for c in range(r):
             P[r, c] = P[c, r]
 
 
-@lean
-def center(y: Floats, points: Points, blocks: bool) -> None:
+@compiled_noalloc
+def center_sigma_points(y: Floats, points: SigmaPoints, blocks: bool) -> None:
     """Turn the moved pairs into their halves about the moved mean y, and m.
 
     `blocks`: what is before the block of its k-th number has no part in pair k, and is not read.
@@ -112,9 +112,9 @@ def center(y: Floats, points: Points, blocks: bool) -> None:
             m[c] += minus[k, c] / s
 
 
-@lean
-def covariance_of(points: Points, P: Floats, blocks: bool) -> None:
-    """P, its upper half, from the halves of the pairs; `blocks` as in `center`."""
+@compiled_noalloc
+def sigma_point_covariance(points: SigmaPoints, P: Floats, blocks: bool) -> None:
+    """P, its upper half, from the halves of the pairs; `blocks` as in `center_sigma_points`."""
     _, odd, even, m, _, excess = points
     for r in range(m.size):
         for c in range(r, m.size):
@@ -126,7 +126,7 @@ def covariance_of(points: Points, P: Floats, blocks: bool) -> None:
                 P[r, c] += o * odd[k, c] + q * even[k, c]
 
 
-class Measured(NamedTuple):
+class MeasurementMoments(NamedTuple):
     """What the sigma points say of the measurements of one instant; M of them at most."""
 
     odd: Floats
@@ -146,15 +146,17 @@ class Measured(NamedTuple):
     """U^-T times the cross-covariance with x, shape (M, N)."""
 
 
-def measured_of(M: int, N: int) -> Measured:
+def make_measurement_moments(M: int, N: int) -> MeasurementMoments:
     """Room for M measurements of a state of N numbers."""
     pair = np.zeros((N, M)), np.zeros((N, M))
     square = np.zeros((M, M)), np.zeros((M, M))
-    return Measured(*pair, np.zeros(M), np.zeros(M), np.zeros(M), *square, np.zeros((M, N)))
+    return MeasurementMoments(
+        *pair, np.zeros(M), np.zeros(M), np.zeros(M), *square, np.zeros((M, N))
+    )
 
 
-@lean
-def innovation_covariance(measured: Measured, count: int, excess: float) -> None:
+@compiled_noalloc
+def innovation_covariance(measured: MeasurementMoments, count: int, excess: float) -> None:
     """S of the first `count` measurements, its upper half."""
     odd, even, m, _, R, S, _, _ = measured
     for i in range(count):
@@ -168,7 +170,7 @@ def innovation_covariance(measured: Measured, count: int, excess: float) -> None
                 S[i, j] += o * odd[k, j] + q * even[k, j]
 
 
-@lean
+@compiled_noalloc
 def cross_covariance(L: Floats, odd: Floats, V: Floats, count: int) -> None:
     """Of the first `count` measurements (rows) with x, sum_k o_k L_k^T, into V."""
     for j in range(count):
@@ -179,15 +181,17 @@ def cross_covariance(L: Floats, odd: Floats, V: Floats, count: int) -> None:
                 V[j, c] += odd[k, j] * L[k, c]
 
 
-@lean
-def fuse(x: Floats, P: Floats, L: Floats, measured: Measured, count: int, excess: float) -> None:
+@compiled_noalloc
+def fuse_jointly(
+    x: Floats, P: Floats, L: Floats, measured: MeasurementMoments, count: int, excess: float
+) -> None:
     """Joint update with the first `count` measurements: x += K r, P -= K S K^T, in place.
 
     With S = U^T U and V = U^-T times the cross-covariance: x += V^T U^-T r, P -= V^T V.
     """
     odd, _, _, residual, _, S, U, V = measured
     innovation_covariance(measured, count, excess)
-    factor(S, U, count)
+    cholesky_upper(S, U, count)
     cross_covariance(L, odd, V, count)
     for i in range(count):
         scale = 1.0 / U[i, i] if U[i, i] > 0.0 else 0.0
@@ -202,4 +206,4 @@ def fuse(x: Floats, P: Floats, L: Floats, measured: Measured, count: int, excess
         for r in range(x.size):
             for c in range(r, x.size):
                 P[r, c] -= V[i, r] * V[i, c]
-    mirror(P)
+    mirror_upper(P)

@@ -1,7 +1,7 @@
 """Joint Kalman update with many scalar measurements of one instant, in place.
 
 All measurements share the linearization point, as in the textbook batch update: `count` rows of H
-with at most six entries that are not zero (a range touches two robots). `sequential` and `batch`
+with at most six entries that are not zero (a range touches two robots). `sequential_update` and `batch_update`
 give the same posterior; their costs grow as count N^2 and N^3.
 """
 
@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.core.recording import Floats, Indices
-from clt.jit.compiled import inlined, kernel, lean
+from clt.jit.compiled import compiled_noalloc, inlined, kernel
 
 
-class Work(NamedTuple):
+class UpdateWorkspace(NamedTuple):
     """Linearized measurements of one instant, in the first rows, and what they change."""
 
     J: Indices
@@ -35,9 +35,9 @@ class Work(NamedTuple):
     """Scratch, shape (N,)."""
 
 
-def workspace(rows: int, N: int) -> Work:
+def make_update_workspace(rows: int, N: int) -> UpdateWorkspace:
     """Room for `rows` measurements of a state of N numbers."""
-    return Work(
+    return UpdateWorkspace(
         np.zeros((rows, 6), np.int64),
         np.zeros((rows, 6)),
         np.zeros(rows),
@@ -49,7 +49,7 @@ def workspace(rows: int, N: int) -> Work:
 
 
 @inlined
-def dot(vector: Floats, J: Indices, H: Floats, m: int) -> float:
+def row_times_vector(vector: Floats, J: Indices, H: Floats, m: int) -> float:
     """H_m vector."""
     total = 0.0
     for k in range(6):
@@ -58,7 +58,7 @@ def dot(vector: Floats, J: Indices, H: Floats, m: int) -> float:
 
 
 @inlined
-def project(P: Floats, J: Indices, H: Floats, m: int, out: Floats) -> None:
+def covariance_times_row(P: Floats, J: Indices, H: Floats, m: int, out: Floats) -> None:
     """P H_m^T into `out` (N,), reading rows as P is symmetric."""
     for c in range(out.size):
         out[c] = 0.0
@@ -69,7 +69,7 @@ def project(P: Floats, J: Indices, H: Floats, m: int, out: Floats) -> None:
                 out[c] += h * P[j, c]
 
 
-@lean
+@compiled_noalloc
 def projected_variance(P: Floats, J: Indices, H: Floats, m: int) -> float:
     """H_m P H_m^T."""
     total = 0.0
@@ -80,8 +80,8 @@ def projected_variance(P: Floats, J: Indices, H: Floats, m: int) -> float:
     return total
 
 
-@lean
-def sequential(P: Floats, work: Work, count: int) -> None:
+@compiled_noalloc
+def sequential_update(P: Floats, work: UpdateWorkspace, count: int) -> None:
     """One scalar update after the other, to P and work.delta.
 
     With g = P H^T / sqrt(S): delta += g (r - H delta) / sqrt(S) and P -= g g^T, which keeps P
@@ -93,9 +93,9 @@ def sequential(P: Floats, work: Work, count: int) -> None:
     for m in range(count):
         if used[m] == 0:
             continue
-        project(P, J, H, m, g)
-        scale = 1.0 / math.sqrt(dot(g, J, H, m) + R[m])
-        step = scale * (residual[m] - dot(delta, J, H, m))
+        covariance_times_row(P, J, H, m, g)
+        scale = 1.0 / math.sqrt(row_times_vector(g, J, H, m) + R[m])
+        step = scale * (residual[m] - row_times_vector(delta, J, H, m))
         for r in range(g.size):
             g[r] *= scale
             delta[r] += g[r] * step
@@ -104,8 +104,8 @@ def sequential(P: Floats, work: Work, count: int) -> None:
                 P[r, c] -= g[r] * g[c]
 
 
-@lean
-def mark(work: Work, count: int, columns: Indices) -> None:
+@compiled_noalloc
+def mark_columns(work: UpdateWorkspace, count: int, columns: Indices) -> None:
     """Set those columns to 1 that the used ones of the first `count` rows touch."""
     for m in range(count):
         for k in range(6):
@@ -114,14 +114,14 @@ def mark(work: Work, count: int, columns: Indices) -> None:
 
 
 @kernel
-def normal_equations(work: Work, count: int) -> tuple[Floats, Floats, Indices, Indices]:
+def normal_equations(work: UpdateWorkspace, count: int) -> tuple[Floats, Floats, Indices, Indices]:
     """A = H^T R^-1 H (T, T) and g = H^T R^-1 r (T,) in the columns that H touches.
 
     Returns also those columns (T,) and the others (N - T,).
     """
     J, H, residual, R, used = work.J, work.H, work.residual, work.R, work.used
     place = np.zeros(work.delta.size, np.int64)
-    mark(work, count, place)
+    mark_columns(work, count, place)
     touched, others = np.flatnonzero(place), np.flatnonzero(place == 0)
     for t in range(touched.size):
         place[touched[t]] = t
@@ -139,8 +139,8 @@ def normal_equations(work: Work, count: int) -> tuple[Floats, Floats, Indices, I
     return A, g, touched, others
 
 
-@lean
-def put_symmetric(
+@compiled_noalloc
+def store_symmetric(
     P: Floats, rows: Indices, columns: Indices, block: NDArray[np.floating[Any]]
 ) -> None:
     """Write a block of P and its mirror image; a block on the diagonal is made symmetric."""
@@ -151,7 +151,7 @@ def put_symmetric(
 
 
 @kernel
-def batch(P: Floats, work: Work, count: int) -> None:
+def batch_update(P: Floats, work: UpdateWorkspace, count: int) -> None:
     """The same in information form, with A, g of the touched columns t and the others o.
 
     P_t' = (I + P_tt A)^-1 P_t, P_oo' = P_oo - P_ot A P_to', delta = P_t'^T g. The solve has the
@@ -166,8 +166,8 @@ def batch(P: Floats, work: Work, count: int) -> None:
     after = np.linalg.solve(M, P_t)
     work.delta[:] = after.T @ g
     P_tt, P_to_new = after[:, t], after[:, o]
-    put_symmetric(P, t, t, 0.5 * (P_tt + P_tt.T))
-    put_symmetric(P, t, o, P_to_new)
+    store_symmetric(P, t, t, 0.5 * (P_tt + P_tt.T))
+    store_symmetric(P, t, o, P_to_new)
     P_oo = P_to.T @ (A @ P_to_new)
     for r in range(o.size):
         for c in range(o.size):

@@ -3,7 +3,7 @@
 A Gaussian is too wide for a range whose curvature over it exceeds the range's noise, or that
 covers both sides of where the range was taken from; and for driving, when its heading is uncertain
 and the way that its robot went would bend by more than the noise. It is then split into a grid of
-parts (`splitting.split`), or replaced by one of them drawn at random (`splitting.draw`).
+parts (`split_gaussian`), or replaced by one of them drawn at random (`draw_narrower`).
 """
 
 from __future__ import annotations
@@ -12,29 +12,34 @@ import math
 
 from clt.core.recording import Floats
 from clt.filters.kalman.updates import projected_variance
-from clt.filters.mixture.gaussian_sum import TANGENT, Bank, look
-from clt.filters.mixture.splitting import WIDEST, draw, place_row, split
-from clt.jit.compiled import lean
+from clt.filters.mixture.gaussian_sum import TANGENT_ROW, GaussianSum, predict_range_and_tangent
+from clt.filters.mixture.splitting import (
+    MAX_SPLIT_WIDTH,
+    draw_narrower,
+    select_state_row,
+    split_gaussian,
+)
+from clt.jit.compiled import compiled_noalloc
 from clt.model.inputs import RangeTable
-from clt.model.state_space import Space
+from clt.model.state_space import StateSpace
 
-HEADING = 0.1
+MAX_HEADING_SIGMA = 0.1
 """Heading whose sine is good enough for driving, rad."""
-BEND = 0.1
+MAX_RANGE_CURVATURE = 0.1
 """Curvature over a Gaussian that is borne, in standard deviations of a range."""
-BENT = 0.02
+MAX_PATH_CURVATURE = 0.02
 """The same of the way driven."""
-ROUND = 0.5
+MAX_RELATIVE_WIDTH = 0.5
 """Width along the line of sight that is borne, in distances."""
-NARROWEST = 0.3
+MIN_SPLIT_WIDTH = 0.3
 """Width of parts in that of the whole: what is still too wide is split again."""
-FAR = 4.0
+REFUTED_SIGMAS = 4.0
 """Standard deviations beyond which a range refutes a Gaussian, however wide."""
 
 
-@lean
-def sharpen(
-    bank: Bank, space: Space, lever: Floats, ranges: RangeTable, m: int, at_random: bool
+@compiled_noalloc
+def narrow_for_range(
+    bank: GaussianSum, space: StateSpace, lever: Floats, ranges: RangeTable, m: int, at_random: bool
 ) -> None:
     """Split, or narrow `at_random`, what is too wide for range m to be linear over it.
 
@@ -43,64 +48,69 @@ def sharpen(
     noise = math.sqrt(ranges.variance[m])
     for i in (ranges.a[m], ranges.b[m]):
         if i >= 0:
-            sharpen_heading(bank, space, i, noise, at_random)
+            narrow_headings(bank, space, i, noise, at_random)
     k = 0
     while k < bank.alive[0]:
-        row, width = too_wide(bank, k, lever, ranges, m, noise)
+        row, width = find_excess_width(bank, k, lever, ranges, m, noise)
         if row < 0:
             k += 1
-        elif not narrow(bank, k, row, width, at_random):
+        elif not split_or_draw(bank, k, row, width, at_random):
             return
 
 
-@lean
-def narrow(bank: Bank, k: int, row: int, width: float, at_random: bool) -> bool:
+@compiled_noalloc
+def split_or_draw(bank: GaussianSum, k: int, row: int, width: float, at_random: bool) -> bool:
     """Split Gaussian k or narrow it at random; False where there is no room."""
-    width = min(max(width, NARROWEST), WIDEST)
+    width = min(max(width, MIN_SPLIT_WIDTH), MAX_SPLIT_WIDTH)
     if at_random:
-        return draw(bank, k, row, width)
-    return split(bank, k, row, width)
+        return draw_narrower(bank, k, row, width)
+    return split_gaussian(bank, k, row, width)
 
 
-@lean
-def too_wide(
-    bank: Bank, k: int, lever: Floats, ranges: RangeTable, m: int, noise: float
+@compiled_noalloc
+def find_excess_width(
+    bank: GaussianSum, k: int, lever: Floats, ranges: RangeTable, m: int, noise: float
 ) -> tuple[int, float]:
     """Row of bank.J, bank.H along which Gaussian k is too wide for range m, and by what factor.
 
     Row -1: it is not. Neither is what the range is about to refute.
     """
     x, P, z = bank.mean[k], bank.covariance[k], max(ranges.range[m], noise)
-    h = look(x, lever, ranges, m, bank.J, bank.H)
-    across = math.sqrt(max(projected_variance(P, bank.J, bank.H, TANGENT), 0.0))
+    h = predict_range_and_tangent(x, lever, ranges, m, bank.J, bank.H)
+    across = math.sqrt(max(projected_variance(P, bank.J, bank.H, TANGENT_ROW), 0.0))
     along = math.sqrt(max(projected_variance(P, bank.J, bank.H, 0), 0.0))
-    if abs(ranges.range[m] - h) > FAR * (along + noise) + across:
+    if abs(ranges.range[m] - h) > REFUTED_SIGMAS * (along + noise) + across:
         return -1, 1.0
-    limit = math.sqrt(2.0 * BEND * noise * z)
+    limit = math.sqrt(2.0 * MAX_RANGE_CURVATURE * noise * z)
     if across > limit:
-        return TANGENT, limit / across
-    limit = ROUND * max(h, 0.7 * z)
+        return TANGENT_ROW, limit / across
+    limit = MAX_RELATIVE_WIDTH * max(h, 0.7 * z)
     if along > limit:
         return 0, limit / along
     return -1, 1.0
 
 
-@lean
-def sharpen_heading(bank: Bank, space: Space, i: int, noise: float, at_random: bool) -> None:
+@compiled_noalloc
+def narrow_headings(
+    bank: GaussianSum, space: StateSpace, i: int, noise: float, at_random: bool
+) -> None:
     """Narrow the headings of block i that bend the way its robot went since the last time.
 
     Over a way u a heading of variance s^2 shortens the mean displacement by u s^2 / 2.
     """
     d, index = space.who[i], 3 * i + 2
-    limit = max(HEADING * HEADING, 2.0 * BENT * noise / max(abs(bank.travel[d]), 1e-9))
-    place_row(bank.J, bank.H, 0, index)
+    limit = max(
+        MAX_HEADING_SIGMA * MAX_HEADING_SIGMA,
+        2.0 * MAX_PATH_CURVATURE * noise / max(abs(bank.travel[d]), 1e-9),
+    )
+    select_state_row(bank.J, bank.H, 0, index)
     found = False
     k = 0
     while k < bank.alive[0]:
         variance = bank.covariance[k][index, index]
         if not variance > 1.1 * limit:  # Nor a variance that is no number.
             k += 1
-        elif narrow(bank, k, 0, HEADING / math.sqrt(variance), at_random):
+        elif split_or_draw(bank, k, 0, MAX_HEADING_SIGMA / math.sqrt(variance), at_random):
             found = True
         else:
             return

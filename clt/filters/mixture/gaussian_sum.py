@@ -13,25 +13,25 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.core.recording import Floats, Indices, Stamps
-from clt.filters.kalman.eskf import REJECTED, USED
-from clt.filters.kalman.updates import project, projected_variance
-from clt.jit.compiled import lean
+from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
+from clt.filters.kalman.updates import covariance_times_row, projected_variance
+from clt.jit.compiled import compiled_noalloc
 from clt.model.belief import Belief
-from clt.model.covariance_propagation import carry
-from clt.model.inputs import Outputs, RangeTable, Segments
-from clt.model.mutual import is_mutual, tie
+from clt.model.covariance_propagation import propagate_blocks
+from clt.model.inputs import Outputs, RangeTable, TwistSegments
+from clt.model.mutual import is_mutual, set_inverse
 from clt.model.problem import Problem
-from clt.model.range_model import antenna, predict_range
-from clt.model.state_space import Space
+from clt.model.range_model import antenna_with_derivative, predict_range
+from clt.model.state_space import StateSpace
 
-TANGENT = 1
+TANGENT_ROW = 1
 """Row of J, H that holds the displacement across the line of sight; row 0 is that along it."""
 
-BROKEN = 1e3
+INVALID_LOG_PENALTY = 1e3
 """By how much the log weight of a Gaussian falls whose covariance is none any more."""
 
 
-class Bank(NamedTuple):
+class GaussianSum(NamedTuple):
     """Room for C Gaussians over N numbers, of which the first `alive[0]` are in use."""
 
     log_weight: Floats
@@ -53,24 +53,24 @@ class Bank(NamedTuple):
     travel: Floats
     """How far each driver went since its heading was last split, (D,), m; backwards negative."""
     J: Indices
-    """Scratch of a range's two rows, see `kalman.Work`, shape (2, 6)."""
+    """Scratch of a range's two rows, see `UpdateWorkspace`, shape (2, 6)."""
     H: Floats
     gain: Floats
     """(N,)."""
     shift: Floats
-    """Scratch of `transport.carry`, (B, 2)."""
+    """Scratch of `propagate_blocks`, (B, 2)."""
     F: Floats
     G: Floats
 
 
-class Past(NamedTuple):
+class GaussianSumMemory(NamedTuple):
     """What of a bank a run that goes on has to know beside the belief (`Solution.memory`)."""
 
     travel: Floats
     dropped: Floats
 
 
-class Trace(NamedTuple):
+class MixtureOutput(NamedTuple):
     """What a run leaves behind: one row per output, one per range (`solution.Solution`)."""
 
     mean: Floats
@@ -81,16 +81,16 @@ class Trace(NamedTuple):
     verdict: Indices
 
 
-def make_bank(belief: Belief, problem: Problem, room: int) -> Bank:
+def make_gaussian_sum(belief: Belief, problem: Problem, room: int) -> GaussianSum:
     """A bank at the problem's start with room for at least `room` Gaussians."""
     K, N = belief.mean.shape
     C, D, B = max(room, K), problem.space.first.size - 1, problem.space.who.size
     log_weight, mean, covariance = np.zeros(C), np.zeros((C, N)), np.zeros((C, N, N))
     log_weight[:K], mean[:K], covariance[:K] = belief
     past = problem.memory
-    if not isinstance(past, Past):
-        past = Past(np.zeros(D), np.zeros(1))
-    return Bank(
+    if not isinstance(past, GaussianSumMemory):
+        past = GaussianSumMemory(np.zeros(D), np.zeros(1))
+    return GaussianSum(
         log_weight, mean, covariance, np.array([K]), np.full(D, problem.start),
         problem.segments.first[:-1].copy(), int(is_mutual(problem.space)),
         past.dropped.copy(), past.travel.copy(),
@@ -99,28 +99,30 @@ def make_bank(belief: Belief, problem: Problem, room: int) -> Bank:
     )  # fmt: skip
 
 
-def make_trace(outputs: Outputs, ranges: RangeTable) -> Trace:
+def make_mixture_output(outputs: Outputs, ranges: RangeTable) -> MixtureOutput:
     """Room for the rows of a run."""
     O, M = outputs.stamp.size, ranges.stamp.size  # noqa: E741
-    return Trace(
+    return MixtureOutput(
         np.empty((O, 3)), np.empty((O, 3, 3)), np.empty(O),
         np.empty(M), np.empty(M), np.empty(M, np.int64),
     )  # fmt: skip
 
 
-def belief_of(bank: Bank) -> Belief:
+def gaussian_sum_belief(bank: GaussianSum) -> Belief:
     """What is in a bank."""
     K = int(bank.alive[0])
     return Belief(bank.log_weight[:K], bank.mean[:K], bank.covariance[:K])
 
 
-def past_of(bank: Bank) -> Past:
+def gaussian_sum_memory(bank: GaussianSum) -> GaussianSumMemory:
     """What the next run has to know."""
-    return Past(bank.travel, bank.dropped)
+    return GaussianSumMemory(bank.travel, bank.dropped)
 
 
-@lean
-def advance(bank: Bank, d: int, until: int, segments: Segments, space: Space) -> None:
+@compiled_noalloc
+def propagate_sum_driver(
+    bank: GaussianSum, d: int, until: int, segments: TwistSegments, space: StateSpace
+) -> None:
     """Bring driver d of every Gaussian to the time `until` (ns) through its twist segments."""
     while bank.time[d] < until:
         s = bank.cursor[d]
@@ -134,7 +136,7 @@ def advance(bank: Bank, d: int, until: int, segments: Segments, space: Space) ->
             segments.interval[s] * segments.var_omega[s],
         )
         for k in range(bank.alive[0]):
-            carry(
+            propagate_blocks(
                 bank.mean[k], bank.covariance[k], bank.F, bank.G, bank.shift, space, d,
                 v, omega, dt, q_v, q_w,
             )  # fmt: skip
@@ -144,17 +146,21 @@ def advance(bank: Bank, d: int, until: int, segments: Segments, space: Space) ->
             bank.cursor[d] = s + 1
 
 
-@lean
-def bring(bank: Bank, i: int, until: int, segments: Segments, space: Space, whole: bool) -> None:
+@compiled_noalloc
+def advance_sum_block(
+    bank: GaussianSum, i: int, until: int, segments: TwistSegments, space: StateSpace, whole: bool
+) -> None:
     """Bring block i (none if negative) to a time: its robot and, for the `whole`, its base."""
     if i >= 0:
-        advance(bank, space.who[i], until, segments, space)
+        propagate_sum_driver(bank, space.who[i], until, segments, space)
         if whole and space.base[i] >= 0:
-            advance(bank, space.base[i], until, segments, space)
+            propagate_sum_driver(bank, space.base[i], until, segments, space)
 
 
-@lean
-def look(x: Floats, lever: Floats, ranges: RangeTable, m: int, J: Indices, H: Floats) -> float:
+@compiled_noalloc
+def predict_range_and_tangent(
+    x: Floats, lever: Floats, ranges: RangeTable, m: int, J: Indices, H: Floats
+) -> float:
     """Distance of range m at x; the gradients along and across the line of sight to J, H."""
     a, b = ranges.a[m], ranges.b[m]
     h = predict_range(x, lever, a, b, ranges.anchor[m, 0], ranges.anchor[m, 1], J, H, 0)
@@ -164,19 +170,27 @@ def look(x: Floats, lever: Floats, ranges: RangeTable, m: int, J: Indices, H: Fl
     for end in range(2):
         i, s, e = (a, 1.0, 0) if end == 0 else (b, -1.0, 3)
         free = 1.0 if i >= 0 else 0.0
-        H[TANGENT, e], H[TANGENT, e + 1], H[TANGENT, e + 2] = s * free * tx, s * free * ty, 0.0
+        H[TANGENT_ROW, e], H[TANGENT_ROW, e + 1], H[TANGENT_ROW, e + 2] = (
+            s * free * tx,
+            s * free * ty,
+            0.0,
+        )
         for c in range(3):
-            J[TANGENT, e + c] = J[0, e + c]
+            J[TANGENT_ROW, e + c] = J[0, e + c]
         if i >= 0:
-            _, _, dx, dy = antenna(x[3 * i], x[3 * i + 1], x[3 * i + 2], lever[i, 0], lever[i, 1])
-            H[TANGENT, e + 2] = s * (tx * dx + ty * dy)
+            _, _, dx, dy = antenna_with_derivative(
+                x[3 * i], x[3 * i + 1], x[3 * i + 2], lever[i, 0], lever[i, 1]
+            )
+            H[TANGENT_ROW, e + 2] = s * (tx * dx + ty * dy)
     return h
 
 
-@lean
-def correct(x: Floats, P: Floats, J: Indices, H: Floats, g: Floats, r: float, S: float) -> None:
+@compiled_noalloc
+def update_gaussian(
+    x: Floats, P: Floats, J: Indices, H: Floats, g: Floats, r: float, S: float
+) -> None:
     """Fuse the range in row 0 of J, H with residual r of variance S, in place; g is scratch."""
-    project(P, J, H, 0, g)
+    covariance_times_row(P, J, H, 0, g)
     scale = 1.0 / math.sqrt(S)
     for i in range(g.size):
         g[i] *= scale
@@ -186,8 +200,8 @@ def correct(x: Floats, P: Floats, J: Indices, H: Floats, g: Floats, r: float, S:
             P[i, j] -= g[i] * g[j]
 
 
-@lean
-def normalize(log_weight: Floats, count: int) -> None:
+@compiled_noalloc
+def normalize_weights(log_weight: Floats, count: int) -> None:
     """Make the first `count` weights sum to one, in place."""
     top = -math.inf
     for k in range(count):
@@ -199,8 +213,10 @@ def normalize(log_weight: Floats, count: int) -> None:
         log_weight[k] -= top + math.log(total)
 
 
-@lean
-def fuse(bank: Bank, lever: Floats, ranges: RangeTable, m: int, gate: float, trace: Trace) -> None:
+@compiled_noalloc
+def fuse_range(
+    bank: GaussianSum, lever: Floats, ranges: RangeTable, m: int, gate: float, trace: MixtureOutput
+) -> None:
     """Fuse range m into every Gaussian, with its curvature to second order, and weigh them by it.
 
     A Gaussian of width s across the line of sight sees h + s^2 / 2h with s^4 / 2h^2 more variance.
@@ -210,15 +226,15 @@ def fuse(bank: Bank, lever: Floats, ranges: RangeTable, m: int, gate: float, tra
     for k in range(bank.alive[0]):
         x, P = bank.mean[k], bank.covariance[k]
         if bank.mutual == 1:
-            tie(x, P)
-        h = look(x, lever, ranges, m, J, H)
-        across = max(projected_variance(P, J, H, TANGENT), 0.0)
+            set_inverse(x, P)
+        h = predict_range_and_tangent(x, lever, ranges, m, J, H)
+        across = max(projected_variance(P, J, H, TANGENT_ROW), 0.0)
         bend = across / (2.0 * max(h, math.sqrt(across) + 1e-9))
         r = ranges.range[m] - h - bend
         spread = projected_variance(P, J, H, 0) + 2.0 * bend * bend
         S, S_gate = spread + ranges.weight_variance[m], spread + ranges.variance[m]
         if not (S > 0.0 and S_gate > 0.0 and math.isfinite(r)):
-            bank.log_weight[k] -= BROKEN
+            bank.log_weight[k] -= INVALID_LOG_PENALTY
             continue
         w = math.exp(bank.log_weight[k])
         mean += w * r
@@ -226,13 +242,13 @@ def fuse(bank: Bank, lever: Floats, ranges: RangeTable, m: int, gate: float, tra
         inside = gate <= 0.0 or r * r <= gate * S_gate
         if inside:
             used += w
-            correct(x, P, J, H, bank.gain, r, S)
+            update_gaussian(x, P, J, H, bank.gain, r, S)
             if bank.mutual == 1:
-                tie(x, P)
+                set_inverse(x, P)
         nis = r * r / S if inside else gate
         bank.log_weight[k] -= 0.5 * (math.log(2.0 * math.pi * S) + nis)
     trace.residual[m], trace.variance[m] = mean, square - mean * mean
-    trace.verdict[m] = USED if used >= 0.5 else REJECTED
+    trace.verdict[m] = RANGE_USED if used >= 0.5 else RANGE_REJECTED
     if not trace.variance[m] > 0.0:
         trace.residual[m], trace.variance[m] = 0.0, ranges.variance[m]
-    normalize(bank.log_weight, bank.alive[0])
+    normalize_weights(bank.log_weight, bank.alive[0])

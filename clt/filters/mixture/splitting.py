@@ -1,6 +1,6 @@
 """Wide Gaussians as sums of narrow ones, narrow enough for a filter that linearizes.
 
-N(0, 1) becomes a grid of Gaussians at a spacing of SPACING times their width, weighted by the
+N(0, 1) becomes a grid of Gaussians at a spacing of SPLIT_SPACING times their width, weighted by the
 density that their means must have. Along a linear functional t of a Gaussian (mean, P) the same
 grid runs along g = P t / sqrt(t^T P t): the rest of the state moves as its correlation with t
 says, and each part keeps P - (1 - s^2) g g^T. Mean and covariance stay exactly what they were.
@@ -13,63 +13,63 @@ import math
 import numpy as np
 
 from clt.core.recording import Floats, Indices
-from clt.filters.kalman.updates import dot, project
-from clt.filters.mixture.gaussian_sum import Bank
-from clt.jit.compiled import lean
-from clt.model.belief import Belief, Prior, gaussians
-from clt.model.state_space import WORLD
+from clt.filters.kalman.updates import covariance_times_row, row_times_vector
+from clt.filters.mixture.gaussian_sum import GaussianSum
+from clt.jit.compiled import compiled_noalloc
+from clt.model.belief import Belief, Prior, belief_from_prior
+from clt.model.state_space import WORLD_REFERENCE
 
-SPACING = 1.5
+SPLIT_SPACING = 1.5
 """Of the parts, in their widths; beyond two the sum would show ripples."""
-REACH = 2.5
+SPLIT_REACH_SIGMAS = 2.5
 """Standard deviations up to which the parts' means go."""
-WIDEST = 0.7
+MAX_SPLIT_WIDTH = 0.7
 """Width of parts in that of the whole, at most: fewer than three would not have its shape."""
-TURN = 1.2
+FULL_CIRCLE_SIGMA = 1.2
 """A heading of this standard deviation (rad) and more reaches round the circle."""
 
 
-@lean
-def half_count(width: float) -> int:
+@compiled_noalloc
+def parts_per_side(width: float) -> int:
     """Parts on either side of the middle for a grid of parts of this width, below one."""
-    return math.ceil(REACH * math.sqrt(1.0 - width * width) / (SPACING * width))
+    return math.ceil(SPLIT_REACH_SIGMAS * math.sqrt(1.0 - width * width) / (SPLIT_SPACING * width))
 
 
-@lean
-def density(place: float, width: float) -> float:
+@compiled_noalloc
+def part_density(place: float, width: float) -> float:
     """Of the means of parts of this width, not normalized: N(place; 0, 1 - width^2)."""
     return math.exp(-0.5 * place * place / (1.0 - width * width))
 
 
-@lean
-def deviation(bank: Bank, k: int, row: int) -> float:
+@compiled_noalloc
+def sigma_along_row(bank: GaussianSum, k: int, row: int) -> float:
     """Standard deviation of Gaussian k along row `row` of J, H, and P H^T into `gain`.
 
     Zero where the covariance is none any more.
     """
-    project(bank.covariance[k], bank.J, bank.H, row, bank.gain)
-    square = dot(bank.gain, bank.J, bank.H, row)
+    covariance_times_row(bank.covariance[k], bank.J, bank.H, row, bank.gain)
+    square = row_times_vector(bank.gain, bank.J, bank.H, row)
     return math.sqrt(square) if square > 0.0 else 0.0
 
 
-@lean
-def split(bank: Bank, k: int, row: int, width: float) -> bool:
+@compiled_noalloc
+def split_gaussian(bank: GaussianSum, k: int, row: int, width: float) -> bool:
     """Split Gaussian k along row `row` of J, H into parts of about `width` of its own.
 
     The parts take its place and those behind the last. False where there is no room, or its
     covariance is none any more.
     """
-    width = min(width, WIDEST)
-    n = half_count(width)
+    width = min(width, MAX_SPLIT_WIDTH)
+    n = parts_per_side(width)
     first = bank.alive[0]
-    sigma, g = deviation(bank, k, row), bank.gain
+    sigma, g = sigma_along_row(bank, k, row), bank.gain
     if first + 2 * n > bank.log_weight.size or sigma == 0.0:
         return False
     total, variance = 0.0, 0.0
     for i in range(-n, n + 1):
-        place = i * SPACING * width
-        total += density(place, width)
-        variance += density(place, width) * place * place
+        place = i * SPLIT_SPACING * width
+        total += part_density(place, width)
+        variance += part_density(place, width) * place * place
     variance /= total
     for r in range(g.size):
         g[r] /= sigma
@@ -80,25 +80,25 @@ def split(bank: Bank, k: int, row: int, width: float) -> bool:
     for i in range(-n, n + 1):
         if i == 0:
             continue
-        place, to = i * SPACING * width, bank.alive[0]
+        place, to = i * SPLIT_SPACING * width, bank.alive[0]
         for r in range(g.size):
             bank.mean[to, r] = x[r] + place * g[r]
             for c in range(g.size):
                 bank.covariance[to, r, c] = P[r, c]
-        bank.log_weight[to] = w + math.log(density(place, width) / total)
+        bank.log_weight[to] = w + math.log(part_density(place, width) / total)
         bank.alive[0] += 1
     bank.log_weight[k] = w - math.log(total)
     return True
 
 
-@lean
-def draw(bank: Bank, k: int, row: int, width: float) -> bool:
+@compiled_noalloc
+def draw_narrower(bank: GaussianSum, k: int, row: int, width: float) -> bool:
     """Replace Gaussian k by one of `width` of its own along row `row` of J, H, drawn at random.
 
     False where its covariance is none any more.
     """
     g, P = bank.gain, bank.covariance[k]
-    sigma = deviation(bank, k, row)
+    sigma = sigma_along_row(bank, k, row)
     if sigma == 0.0:
         return False
     taken = 1.0 - width * width
@@ -114,17 +114,17 @@ def draw(bank: Bank, k: int, row: int, width: float) -> bool:
 def heading_grid(sigma: float, width: float) -> tuple[Floats, Floats, float]:
     """Places (rad), weights and the variance left to the parts of a heading N(0, sigma^2).
 
-    Up to TURN the variance of the whole is sigma^2. Beyond, one turn of equal steps, with the
+    Up to FULL_CIRCLE_SIGMA the variance of the whole is sigma^2. Beyond, one turn of equal steps, with the
     density wrapped round the circle.
     """
-    if sigma < TURN:
-        width = min(width, WIDEST * sigma)
-        n = half_count(width / sigma)
-        place = SPACING * width * np.arange(-n, n + 1, dtype=np.float64)
+    if sigma < FULL_CIRCLE_SIGMA:
+        width = min(width, MAX_SPLIT_WIDTH * sigma)
+        n = parts_per_side(width / sigma)
+        place = SPLIT_SPACING * width * np.arange(-n, n + 1, dtype=np.float64)
         weight: Floats = np.exp(-0.5 * place**2 / (sigma**2 - width**2))
         weight /= weight.sum()
         return place, weight, sigma**2 - float(weight @ place**2)
-    steps = math.ceil(2.0 * math.pi / (SPACING * width))
+    steps = math.ceil(2.0 * math.pi / (SPLIT_SPACING * width))
     place = 2.0 * math.pi * (np.arange(steps) / steps - 0.5)
     turns = 2.0 * math.pi * np.arange(-4, 5)
     weight = np.exp(-0.5 * (place[:, None] + turns) ** 2 / (sigma**2 - width**2)).sum(axis=1)
@@ -151,20 +151,22 @@ def split_heading(
     return weights, means, covariances
 
 
-def narrow_gaussians(prior: Prior, width: float) -> Belief:
+def split_prior_headings(prior: Prior, width: float) -> Belief:
     """The prior in the blocks, its headings that other poses are seen from split to `width` rad.
 
     Seen from a robot, another moves on a circle as that robot's heading varies: this is where
     poses become blocks, so it is done before.
     """
     weight, mean, covariance = prior.probability, prior.mean, prior.covariance
-    for i in sorted({base for base in prior.base if base != WORLD}):
+    for i in sorted({base for base in prior.base if base != WORLD_REFERENCE}):
         weight, mean, covariance = split_heading(weight, mean, covariance, i, width)
-    return gaussians(Prior(weight, mean, covariance, prior.who, prior.base, prior.calibration))
+    return belief_from_prior(
+        Prior(weight, mean, covariance, prior.who, prior.base, prior.calibration)
+    )
 
 
-@lean
-def place_row(J: Indices, H: Floats, row: int, index: int) -> None:
+@compiled_noalloc
+def select_state_row(J: Indices, H: Floats, row: int, index: int) -> None:
     """Make row `row` of J, H pick one number of the state."""
     for c in range(6):
         J[row, c], H[row, c] = index, 0.0

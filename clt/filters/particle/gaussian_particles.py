@@ -2,7 +2,7 @@
 
 A point in a dozen dimensions is hardly ever near the truth; a Gaussian is pulled there by the
 ranges. Only what is not linear is left to chance (Rao-Blackwell): a particle that is too wide for
-a range is narrowed in that direction by moving it at random within its own width (`sharpen`).
+a range is narrowed in that direction by moving it at random within its own width (`narrow_for_range`).
 Where the weights have become uneven, the particles are drawn anew. The cost stays the same from
 beginning to end.
 """
@@ -14,53 +14,57 @@ import math
 import numpy as np
 
 from clt.core.recording import Floats, Indices
-from clt.filters.mixture.adaptive_splitting import HEADING, sharpen
+from clt.filters.mixture.adaptive_splitting import MAX_HEADING_SIGMA, narrow_for_range
 from clt.filters.mixture.gaussian_sum import (
-    Bank,
-    Trace,
-    advance,
-    belief_of,
-    bring,
-    fuse,
-    make_bank,
-    make_trace,
-    past_of,
+    GaussianSum,
+    MixtureOutput,
+    advance_sum_block,
+    fuse_range,
+    gaussian_sum_belief,
+    gaussian_sum_memory,
+    make_gaussian_sum,
+    make_mixture_output,
+    propagate_sum_driver,
 )
-from clt.filters.mixture.mixture import report
-from clt.filters.mixture.reduction import copy
-from clt.filters.mixture.splitting import narrow_gaussians
-from clt.filters.particle.resampling import ENOUGH, effective, systematic
+from clt.filters.mixture.mixture import write_sum_output
+from clt.filters.mixture.reduction import copy_gaussian
+from clt.filters.mixture.splitting import split_prior_headings
+from clt.filters.particle.resampling import (
+    MIN_EFFECTIVE_SHARE,
+    effective_sample_size,
+    systematic_resampling,
+)
 from clt.filters.particle.sir import kernel_seed
-from clt.jit.compiled import lean
+from clt.jit.compiled import compiled_noalloc
 from clt.model.belief import Belief
-from clt.model.inputs import Outputs, RangeTable, Segments
+from clt.model.inputs import Outputs, RangeTable, TwistSegments
 from clt.model.problem import Problem
 from clt.model.settings import FilterSettings
 from clt.model.solution import Solution
-from clt.model.state_space import Space
+from clt.model.state_space import StateSpace
 
 
-def solve_gaussian(problem: Problem, settings: FilterSettings) -> Solution:
+def solve_gaussian_particles(problem: Problem, settings: FilterSettings) -> Solution:
     """Run the filter on a problem."""
     belief = problem.belief
     if problem.prior is not None:
-        wide = narrow_gaussians(problem.prior, HEADING)
-        belief = drawn(wide, settings.pf.gaussians, settings.pf.seed)
-    bank = make_bank(belief, problem, 0)
-    trace = make_trace(problem.outputs, problem.ranges)
+        wide = split_prior_headings(problem.prior, MAX_HEADING_SIGMA)
+        belief = draw_gaussians(wide, settings.pf.gaussians, settings.pf.seed)
+    bank = make_gaussian_sum(belief, problem, 0)
+    trace = make_mixture_output(problem.outputs, problem.ranges)
     K = belief.log_weight.size
-    run(
+    gaussian_particles_kernel(
         bank, problem.end, problem.space, problem.lever, problem.segments, problem.ranges,
         problem.outputs, settings.gate, kernel_seed(problem, settings), np.zeros(K, np.int64),
         np.zeros(K, np.int64), np.zeros((3, 3)), trace,
     )  # fmt: skip
     return Solution(
         trace.mean, trace.covariance, trace.residual, trace.variance, trace.verdict,
-        np.zeros(len(problem.robots), np.int64), belief_of(bank), trace.share, memory=past_of(bank),
+        np.zeros(len(problem.robots), np.int64), gaussian_sum_belief(bank), trace.share, memory=gaussian_sum_memory(bank),
     )  # fmt: skip
 
 
-def drawn(belief: Belief, count: int, seed: int) -> Belief:
+def draw_gaussians(belief: Belief, count: int, seed: int) -> Belief:
     """`count` of the Gaussians of a belief, drawn systematically, equally probable."""
     comb = (np.random.default_rng(seed).random() + np.arange(count)) / count
     which = np.searchsorted(np.cumsum(np.exp(belief.log_weight)), comb)
@@ -69,23 +73,23 @@ def drawn(belief: Belief, count: int, seed: int) -> Belief:
     return Belief(log_weight, belief.mean[which], belief.covariance[which])
 
 
-@lean
-def redraw(bank: Bank, copies: Indices, source: Indices) -> None:
+@compiled_noalloc
+def resample_gaussians(bank: GaussianSum, copies: Indices, source: Indices) -> None:
     """Draw the particles anew in proportion to their weights, which then are equal."""
     K = bank.alive[0]
-    systematic(bank.log_weight, copies, source)
+    systematic_resampling(bank.log_weight, copies, source)
     for k in range(K):
         if source[k] != k:
-            copy(bank, k, source[k])
+            copy_gaussian(bank, k, source[k])
     for k in range(K):
         bank.log_weight[k] = -math.log(K)
 
 
-@lean
-def run(
-    bank: Bank, end: int, space: Space, lever: Floats, segments: Segments, ranges: RangeTable,
+@compiled_noalloc
+def gaussian_particles_kernel(
+    bank: GaussianSum, end: int, space: StateSpace, lever: Floats, segments: TwistSegments, ranges: RangeTable,
     outputs: Outputs, gate: float, seed: int, copies: Indices, source: Indices, scratch: Floats,
-    trace: Trace,
+    trace: MixtureOutput,
 ) -> None:  # fmt: skip
     """The filter over a whole log: fills `trace`; `bank` ends as the last posterior."""
     np.random.seed(seed)  # noqa: NPY002  numba's generator of this thread
@@ -95,17 +99,17 @@ def run(
     while m < M or o < O:
         if m < M and (o == O or ranges.stamp[m] <= outputs.stamp[o]):
             now, a, b = ranges.stamp[m], ranges.a[m], ranges.b[m]
-            bring(bank, a, now, segments, space, b < 0)
-            bring(bank, b, now, segments, space, a < 0)
-            sharpen(bank, space, lever, ranges, m, True)
-            fuse(bank, lever, ranges, m, gate, trace)
-            if effective(bank.log_weight) < ENOUGH * K:
-                redraw(bank, copies, source)
+            advance_sum_block(bank, a, now, segments, space, b < 0)
+            advance_sum_block(bank, b, now, segments, space, a < 0)
+            narrow_for_range(bank, space, lever, ranges, m, True)
+            fuse_range(bank, lever, ranges, m, gate, trace)
+            if effective_sample_size(bank.log_weight) < MIN_EFFECTIVE_SHARE * K:
+                resample_gaussians(bank, copies, source)
             m += 1
         else:
             i = outputs.robot[o]
-            bring(bank, i, outputs.stamp[o], segments, space, True)
-            report(bank, i, trace, o, scratch)
+            advance_sum_block(bank, i, outputs.stamp[o], segments, space, True)
+            write_sum_output(bank, i, trace, o, scratch)
             o += 1
     for d in range(bank.time.size):
-        advance(bank, d, end, segments, space)
+        propagate_sum_driver(bank, d, end, segments, space)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from clt.filters.particle.gaussian_particles import solve_gaussian
+from clt.filters.particle.gaussian_particles import solve_gaussian_particles
 from clt.filters.particle.sir import solve_sir
 from clt.model.problem import Problem
 from clt.model.settings import FilterSettings
 from clt.model.solution import Solution
 
-FEW = 2
+MAX_SIR_BLOCKS = 2
 """Blocks that a few thousand points fill."""
 
 
@@ -16,5 +16,9 @@ def solve_pf(problem: Problem, settings: FilterSettings) -> Solution:
     """Run the particle filter that is set, or that suits the number of robots."""
     kind = settings.pf.kind
     if kind == "auto":
-        kind = "sir" if len(problem.robots) <= FEW else "gaussian"
-    return solve_sir(problem, settings) if kind == "sir" else solve_gaussian(problem, settings)
+        kind = "sir" if len(problem.robots) <= MAX_SIR_BLOCKS else "gaussian"
+    return (
+        solve_sir(problem, settings)
+        if kind == "sir"
+        else solve_gaussian_particles(problem, settings)
+    )

@@ -18,21 +18,21 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.core.recording import Floats, Indices
-from clt.filters.kalman.unscented import factor
-from clt.jit.compiled import lean
-from clt.model.mixture_moments import mean_heading, wrapped
+from clt.filters.kalman.unscented import cholesky_upper
+from clt.jit.compiled import compiled_noalloc
+from clt.model.mixture_moments import mean_heading, wrap_heading
 
-CELL = 250
+MIN_CELL_PARTICLES = 250
 """Particles of a cell are split in two parts of so many and more ..."""
-APART = 16.0
+MIN_SEPARATION_RATIO = 16.0
 """... or wherever the squared distance of their means is this many times the sum of variances."""
-FEWEST = 4
+MIN_PARTICLES_PER_NUMBER = 4
 """Cells of fewer particles per number than this are left as they are: no covariance to trust."""
-ROUNDS = 8
+SPLIT_ITERATIONS = 8
 """Of the search for the best place to split."""
 
 
-class Cells(NamedTuple):
+class CellWorkspace(NamedTuple):
     """Scratch for K particles of N numbers."""
 
     order: Indices
@@ -50,46 +50,52 @@ class Cells(NamedTuple):
     U: Floats
 
 
-def cells_of(K: int, N: int) -> Cells:
+def make_cell_workspace(K: int, N: int) -> CellWorkspace:
     """Room for K particles of N numbers."""
     whole = np.zeros(K, np.int64), np.zeros(K + 1, np.int64)
-    return Cells(*whole, np.zeros(N), np.zeros(N), np.zeros(N), np.zeros((N, N)), np.zeros((N, N)))
+    return CellWorkspace(
+        *whole, np.zeros(N), np.zeros(N), np.zeros(N), np.zeros((N, N)), np.zeros((N, N))
+    )
 
 
-@lean
-def regularize(log_weight: Floats, x: Floats, blocks: int, numbers: int, cells: Cells) -> None:
+@compiled_noalloc
+def regularize(
+    log_weight: Floats, x: Floats, blocks: int, numbers: int, cells: CellWorkspace
+) -> None:
     """Draw each of the equally probable particles x (K, N) anew from a kernel of its cell.
 
     Only the first `numbers`; among them headings of so many `blocks`.
     """
     K = x.shape[0]
-    prepare(log_weight, x, blocks, numbers, cells)
+    prepare_particles(log_weight, x, blocks, numbers, cells)
     for k in range(K):
         cells.order[k] = k
     first, depth = 0, 1
     cells.stack[0] = K
     while depth > 0:
         last = cells.stack[depth - 1]
-        middle = halve(x, first, last, numbers, cells)
+        middle = split_cell(x, first, last, numbers, cells)
         if middle > first:
             cells.stack[depth] = middle
             depth += 1
         else:
-            if last - first >= FEWEST * (numbers + 1):
-                jitter(x, first, last, numbers, cells)
+            if last - first >= MIN_PARTICLES_PER_NUMBER * (numbers + 1):
+                jitter_cell(x, first, last, numbers, cells)
             first = last
             depth -= 1
 
 
-@lean
-def prepare(log_weight: Floats, x: Floats, blocks: int, numbers: int, cells: Cells) -> None:
+@compiled_noalloc
+def prepare_particles(
+    log_weight: Floats, x: Floats, blocks: int, numbers: int, cells: CellWorkspace
+) -> None:
     """Turn headings to within half a turn of their mean, and find how much each number varies."""
     K = x.shape[0]
     for i in range(blocks):
         if 3 * i + 2 < numbers:
             middle = mean_heading(log_weight, x, K, 3 * i)
             for k in range(K):
-                x[k, 3 * i + 2] = middle + wrapped(x[k, 3 * i + 2] - middle)
+                x[k, 3 * i + 2] = middle + wrap_heading(x[k, 3 * i + 2] - middle)
     for r in range(numbers):
         total, square = 0.0, 0.0
         for k in range(K):
@@ -99,8 +105,8 @@ def prepare(log_weight: Floats, x: Floats, blocks: int, numbers: int, cells: Cel
         cells.sigma[r] = math.sqrt(max(square - total * total, 0.0))
 
 
-@lean
-def widest(x: Floats, first: int, last: int, numbers: int, cells: Cells) -> int:
+@compiled_noalloc
+def widest_number(x: Floats, first: int, last: int, numbers: int, cells: CellWorkspace) -> int:
     """The number that varies most within a cell, as a share of how it varies among all; or -1."""
     order, best, most = cells.order, -1, 0.0
     for r in range(numbers):
@@ -119,20 +125,20 @@ def widest(x: Floats, first: int, last: int, numbers: int, cells: Cells) -> int:
     return best
 
 
-@lean
-def halve(x: Floats, first: int, last: int, numbers: int, cells: Cells) -> int:
+@compiled_noalloc
+def split_cell(x: Floats, first: int, last: int, numbers: int, cells: CellWorkspace) -> int:
     """Split a cell in two where that is wanted: where the second begins, else `first`.
 
     Along the number that varies most, at the place that two means find; `order` is sorted so.
     """
     order, n = cells.order, last - first
-    r = widest(x, first, last, numbers, cells)
-    if r < 0 or n < FEWEST:
+    r = widest_number(x, first, last, numbers, cells)
+    if r < 0 or n < MIN_PARTICLES_PER_NUMBER:
         return first
     limit, ratio, low = 0.0, 0.0, 0
     for p in range(first, last):
         limit += x[order[p], r] / n
-    for _ in range(ROUNDS):
+    for _ in range(SPLIT_ITERATIONS):
         low, a, b, aa, bb = 0, 0.0, 0.0, 0.0, 0.0
         for p in range(first, last):
             d = x[order[p], r] - limit
@@ -149,13 +155,15 @@ def halve(x: Floats, first: int, last: int, numbers: int, cells: Cells) -> int:
         variance = aa / low - a * a + bb / (n - low) - b * b
         ratio = (b - a) ** 2 / max(variance, 1e-300)
         limit += 0.5 * (a + b)
-    if ratio < APART and min(low, n - low) < max(CELL, FEWEST * (x.shape[1] + 1)):
+    if ratio < MIN_SEPARATION_RATIO and min(low, n - low) < max(
+        MIN_CELL_PARTICLES, MIN_PARTICLES_PER_NUMBER * (x.shape[1] + 1)
+    ):
         return first
-    return partition(x, r, limit, first, last, order)
+    return partition_cell(x, r, limit, first, last, order)
 
 
-@lean
-def partition(x: Floats, r: int, limit: float, first: int, last: int, order: Indices) -> int:
+@compiled_noalloc
+def partition_cell(x: Floats, r: int, limit: float, first: int, last: int, order: Indices) -> int:
     """Sort a cell into those below a limit of number r and the others; where these begin."""
     middle = first
     for p in range(first, last):
@@ -165,8 +173,8 @@ def partition(x: Floats, r: int, limit: float, first: int, last: int, order: Ind
     return middle if middle < last else first
 
 
-@lean
-def jitter(x: Floats, first: int, last: int, numbers: int, cells: Cells) -> None:
+@compiled_noalloc
+def jitter_cell(x: Floats, first: int, last: int, numbers: int, cells: CellWorkspace) -> None:
     """Draw the particles of one cell from their kernels."""
     order, mean, P, U, noise = cells.order, cells.mean, cells.P, cells.U, cells.noise
     n, d = last - first, 0
@@ -182,7 +190,7 @@ def jitter(x: Floats, first: int, last: int, numbers: int, cells: Cells) -> None
                 k = order[p]
                 P[r, c] += (x[k, r] - mean[r]) * (x[k, c] - mean[c]) / n
         d += int(P[r, r] > 0.0)
-    factor(P, U, numbers)
+    cholesky_upper(P, U, numbers)
     h = (4.0 / ((d + 2.0) * n)) ** (1.0 / (d + 4.0))
     kept = math.sqrt(1.0 - h * h)
     for p in range(first, last):

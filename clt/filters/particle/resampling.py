@@ -7,14 +7,14 @@ import math
 import numpy as np
 
 from clt.core.recording import Floats, Indices
-from clt.jit.compiled import lean
+from clt.jit.compiled import compiled_noalloc
 
-ENOUGH = 0.5
+MIN_EFFECTIVE_SHARE = 0.5
 """Effective share of the particles below which they are drawn anew."""
 
 
-@lean
-def effective(log_weight: Floats) -> float:
+@compiled_noalloc
+def effective_sample_size(log_weight: Floats) -> float:
     """Effective sample size 1 / sum w^2 of normalized weights."""
     total = 0.0
     for k in range(log_weight.size):
@@ -22,8 +22,8 @@ def effective(log_weight: Floats) -> float:
     return 1.0 / total
 
 
-@lean
-def systematic(log_weight: Floats, copies: Indices, source: Indices) -> None:
+@compiled_noalloc
+def systematic_resampling(log_weight: Floats, copies: Indices, source: Indices) -> None:
     """Which particle each of the K drawn ones is a copy of, into `source` (K,).
 
     A comb of K teeth with one random offset through the cumulated weights, so that particle k is

@@ -14,23 +14,27 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.core.recording import Floats, Indices, Stamps
-from clt.filters.kalman.eskf import REJECTED, USED
-from clt.filters.mixture.gaussian_sum import Trace, make_trace, normalize
-from clt.filters.particle.regularization import Cells, cells_of, regularize
-from clt.filters.particle.resampling import ENOUGH, effective, systematic
-from clt.jit.compiled import lean
-from clt.model.belief import Belief, samples
-from clt.model.inputs import Outputs, RangeTable, Segments
-from clt.model.mixture_moments import cloud_share, moments
-from clt.model.mutual import invert, is_mutual
+from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
+from clt.filters.mixture.gaussian_sum import MixtureOutput, make_mixture_output, normalize_weights
+from clt.filters.particle.regularization import CellWorkspace, make_cell_workspace, regularize
+from clt.filters.particle.resampling import (
+    MIN_EFFECTIVE_SHARE,
+    effective_sample_size,
+    systematic_resampling,
+)
+from clt.jit.compiled import compiled_noalloc
+from clt.model.belief import Belief, sample_prior
+from clt.model.inputs import Outputs, RangeTable, TwistSegments
+from clt.model.mixture_moments import mixture_block_moments, particle_mode_probability
+from clt.model.mutual import is_mutual, set_inverse_mean
 from clt.model.problem import Problem
 from clt.model.range_model import predict_range
 from clt.model.settings import FilterSettings
 from clt.model.solution import Solution
-from clt.model.state_space import Space, move, twist
+from clt.model.state_space import StateSpace, corrected_twist, move_blocks
 
 
-class Cloud(NamedTuple):
+class ParticleSet(NamedTuple):
     """K weighted particles of N numbers."""
 
     log_weight: Floats
@@ -53,15 +57,15 @@ class Cloud(NamedTuple):
     H: Floats
     scratch: Floats
     """(8, 3)."""
-    cells: Cells
+    cells: CellWorkspace
     """Scratch of resampling."""
 
 
 def solve_sir(problem: Problem, settings: FilterSettings) -> Solution:
     """Run the particle filter on a problem."""
-    cloud = make_cloud(problem, settings)
-    trace = make_trace(problem.outputs, problem.ranges)
-    sir(
+    cloud = make_particle_set(problem, settings)
+    trace = make_mixture_output(problem.outputs, problem.ranges)
+    sir_kernel(
         cloud, problem.end, problem.space, problem.lever, problem.segments, problem.ranges,
         problem.outputs, settings.gate, kernel_seed(problem, settings),
         is_mutual(problem.space), trace,
@@ -78,26 +82,28 @@ def kernel_seed(problem: Problem, settings: FilterSettings) -> int:
     return int(np.random.SeedSequence([settings.pf.seed, problem.epoch]).generate_state(1)[0])
 
 
-def make_cloud(problem: Problem, settings: FilterSettings) -> Cloud:
+def make_particle_set(problem: Problem, settings: FilterSettings) -> ParticleSet:
     """Particles at the problem's start: drawn from the prior, or those of an earlier run."""
     if problem.prior is not None:
         K = settings.pf.particles
-        x = samples(problem.prior, K, np.random.default_rng(settings.pf.seed))
+        x = sample_prior(problem.prior, K, np.random.default_rng(settings.pf.seed))
         log_weight = np.full(K, -math.log(K))
     else:
         log_weight, x = problem.belief.log_weight.copy(), problem.belief.mean.copy()
         K = log_weight.size
     D = problem.space.first.size - 1
-    return Cloud(
+    return ParticleSet(
         log_weight, x, np.zeros((K, 0, 0)), np.full(D, problem.start),
         problem.segments.first[:-1].copy(), np.zeros(K, np.int64), np.zeros(K, np.int64),
         np.zeros(K), np.zeros((1, 6), np.int64), np.zeros((1, 6)), np.zeros((8, 3)),
-        cells_of(K, x.shape[1]),
+        make_cell_workspace(K, x.shape[1]),
     )  # fmt: skip
 
 
-@lean
-def advance(cloud: Cloud, d: int, until: int, segments: Segments, space: Space) -> None:
+@compiled_noalloc
+def propagate_particles(
+    cloud: ParticleSet, d: int, until: int, segments: TwistSegments, space: StateSpace
+) -> None:
     """Bring driver d of all particles to the time `until` (ns).
 
     The noise of one sample is the same over its interval T. Of a piece dt it is drawn with
@@ -116,27 +122,29 @@ def advance(cloud: Cloud, d: int, until: int, segments: Segments, space: Space) 
             math.sqrt(segments.var_omega[s] * share),
         )
         for k in range(cloud.log_weight.size):
-            v, omega = twist(cloud.x[k], space, d, segments.v[s], segments.omega[s])
+            v, omega = corrected_twist(cloud.x[k], space, d, segments.v[s], segments.omega[s])
             v += sigma_v * np.random.normal()  # noqa: NPY002
             omega += sigma_w * np.random.normal()  # noqa: NPY002
-            move(cloud.x[k], space, d, v, omega, dt)
+            move_blocks(cloud.x[k], space, d, v, omega, dt)
         cloud.time[d] = stop
         if stop == segments.end[s]:
             cloud.cursor[d] = s + 1
 
 
-@lean
-def bring(cloud: Cloud, i: int, until: int, segments: Segments, space: Space, whole: bool) -> None:
+@compiled_noalloc
+def advance_particle_block(
+    cloud: ParticleSet, i: int, until: int, segments: TwistSegments, space: StateSpace, whole: bool
+) -> None:
     """Bring block i (none if negative) to a time: its robot and, for the `whole`, its base."""
     if i >= 0:
-        advance(cloud, space.who[i], until, segments, space)
+        propagate_particles(cloud, space.who[i], until, segments, space)
         if whole and space.base[i] >= 0:
-            advance(cloud, space.base[i], until, segments, space)
+            propagate_particles(cloud, space.base[i], until, segments, space)
 
 
-@lean
-def weigh(
-    cloud: Cloud, lever: Floats, ranges: RangeTable, m: int, gate: float, trace: Trace
+@compiled_noalloc
+def weigh_particles(
+    cloud: ParticleSet, lever: Floats, ranges: RangeTable, m: int, gate: float, trace: MixtureOutput
 ) -> None:
     """Multiply the weights by the likelihood of range m, no lower than on the gate."""
     a, b, px, py = ranges.a[m], ranges.b[m], ranges.anchor[m, 0], ranges.anchor[m, 1]
@@ -150,21 +158,21 @@ def weigh(
     variance = square - mean * mean + ranges.variance[m]
     trace.residual[m], trace.variance[m] = mean, variance
     inside = gate <= 0.0 or mean * mean <= gate * variance
-    trace.verdict[m] = USED if inside else REJECTED
+    trace.verdict[m] = RANGE_USED if inside else RANGE_REJECTED
     for k in range(cloud.log_weight.size):
         nis = cloud.residual[k] ** 2 / ranges.weight_variance[m]
         cloud.log_weight[k] -= 0.5 * (nis if gate <= 0.0 else min(nis, gate))
-    normalize(cloud.log_weight, cloud.log_weight.size)
+    normalize_weights(cloud.log_weight, cloud.log_weight.size)
 
 
-@lean
-def resample(cloud: Cloud, blocks: int, mutual: bool) -> None:
+@compiled_noalloc
+def resample_particles(cloud: ParticleSet, blocks: int, mutual: bool) -> None:
     """Draw the particles anew in proportion to their weights, which then are equal.
 
     Of two `mutual` transforms the second is then again the inverse of the first.
     """
     K = cloud.log_weight.size
-    systematic(cloud.log_weight, cloud.copies, cloud.source)
+    systematic_resampling(cloud.log_weight, cloud.copies, cloud.source)
     for k in range(K):
         if cloud.source[k] != k:
             for r in range(cloud.x.shape[1]):
@@ -174,13 +182,13 @@ def resample(cloud: Cloud, blocks: int, mutual: bool) -> None:
     numbers = 3 if mutual and x.shape[1] == 6 else x.shape[1]
     regularize(cloud.log_weight, x, blocks, numbers, cloud.cells)
     for k in range(K if mutual else 0):
-        invert(x[k])
+        set_inverse_mean(x[k])
 
 
-@lean
-def sir(
-    cloud: Cloud, end: int, space: Space, lever: Floats, segments: Segments, ranges: RangeTable,
-    outputs: Outputs, gate: float, seed: int, mutual: bool, trace: Trace,
+@compiled_noalloc
+def sir_kernel(
+    cloud: ParticleSet, end: int, space: StateSpace, lever: Floats, segments: TwistSegments, ranges: RangeTable,
+    outputs: Outputs, gate: float, seed: int, mutual: bool, trace: MixtureOutput,
 ) -> None:  # fmt: skip
     """The filter over a whole log: fills `trace`; `cloud` ends as the last posterior."""
     np.random.seed(seed)  # noqa: NPY002  numba's generator of this thread
@@ -190,18 +198,18 @@ def sir(
     while m < M or o < O:
         if m < M and (o == O or ranges.stamp[m] <= outputs.stamp[o]):
             now, a, b = ranges.stamp[m], ranges.a[m], ranges.b[m]
-            bring(cloud, a, now, segments, space, b < 0)
-            bring(cloud, b, now, segments, space, a < 0)
-            weigh(cloud, lever, ranges, m, gate, trace)
-            if effective(cloud.log_weight) < ENOUGH * K:
-                resample(cloud, space.who.size, mutual)
+            advance_particle_block(cloud, a, now, segments, space, b < 0)
+            advance_particle_block(cloud, b, now, segments, space, a < 0)
+            weigh_particles(cloud, lever, ranges, m, gate, trace)
+            if effective_sample_size(cloud.log_weight) < MIN_EFFECTIVE_SHARE * K:
+                resample_particles(cloud, space.who.size, mutual)
             m += 1
         else:
             i = outputs.robot[o]
-            bring(cloud, i, outputs.stamp[o], segments, space, True)
+            advance_particle_block(cloud, i, outputs.stamp[o], segments, space, True)
             w, x = cloud.log_weight, cloud.x
-            moments(w, x, cloud.none, K, i, trace.mean[o], trace.covariance[o])
-            trace.share[o] = cloud_share(w, x, i, trace.covariance[o], cloud.scratch)
+            mixture_block_moments(w, x, cloud.none, K, i, trace.mean[o], trace.covariance[o])
+            trace.share[o] = particle_mode_probability(w, x, i, trace.covariance[o], cloud.scratch)
             o += 1
     for d in range(cloud.time.size):
-        advance(cloud, d, end, segments, space)
+        propagate_particles(cloud, d, end, segments, space)

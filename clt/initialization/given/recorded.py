@@ -12,8 +12,8 @@ from clt.core.errors import LogError
 from clt.core.recording import Recording
 from clt.core.start import InitialPose, Start
 
-KEY = "initial_poses"
-Row = Annotated[list[float], Field(min_length=3, max_length=3)]
+INITIAL_POSES_KEY = "initial_poses"
+CovarianceRow = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
 class RecordedPose(BaseModel):
@@ -24,7 +24,7 @@ class RecordedPose(BaseModel):
     x: float
     y: float
     heading: float
-    covariance: Annotated[list[Row], Field(min_length=3, max_length=3)]
+    covariance: Annotated[list[CovarianceRow], Field(min_length=3, max_length=3)]
     stamp_ns: int
 
 
@@ -33,13 +33,15 @@ def recorded_poses(recording: Recording) -> dict[str, RecordedPose] | None:
 
     Raises LogError for metadata that cannot be read.
     """
-    text = recording.run.get(KEY)
+    text = recording.run.get(INITIAL_POSES_KEY)
     if text is None:
         return None
     try:
         return TypeAdapter(dict[str, RecordedPose]).validate_python(json.loads(text))
     except (ValidationError, json.JSONDecodeError):
-        raise LogError(f"the log's metadata clt.run: `{KEY}` is not a table of poses") from None
+        raise LogError(
+            f"the log's metadata clt.run: `{INITIAL_POSES_KEY}` is not a table of poses"
+        ) from None
 
 
 def from_record(recording: Recording) -> Start | None:

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.core.errors import CltError
-from clt.core.recording import WORLD, Poses, Recording, Robot, Stamps
-from clt.core.start import InitialPose, Start, fixed_pose, odometry_begin
+from clt.core.recording import WORLD_FRAME, Poses, Recording, Robot, Stamps
+from clt.core.start import InitialPose, Start, known_static_pose, odometry_start
 from clt.metrics.associate import SECOND, interpolate
 
-REMEDY = "give poses in a TOML file instead (--init FILE)"
-MAX_GAP = 0.5
+POSES_FILE_REMEDY = "give poses in a TOML file instead (--init FILE)"
+MAX_TRUTH_GAP_S = 0.5
 """Truth is interpolated across no longer gap, s, as in an evaluation."""
 
 
@@ -38,10 +38,12 @@ def moving_truth(recording: Recording) -> dict[str, Poses]:
     if len(truths) == 0:
         told = [name for name in known if recording.truth[name].stamp.size > 0]
         if len(told) > 0:
-            raise CltError(f"the ground truth of {', '.join(told)} has no heading; {REMEDY}")
+            raise CltError(
+                f"the ground truth of {', '.join(told)} has no heading; {POSES_FILE_REMEDY}"
+            )
         topics = ", ".join(f"/{name}/ground_truth" for name in names)
         raise CltError(
-            f"no ground truth for {', '.join(names)}: --init truth needs {topics}; {REMEDY}"
+            f"no ground truth for {', '.join(names)}: --init truth needs {topics}; {POSES_FILE_REMEDY}"
         )
     return truths
 
@@ -49,23 +51,25 @@ def moving_truth(recording: Recording) -> dict[str, Poses]:
 def first_instant(recording: Recording, truths: Mapping[str, Poses]) -> tuple[int, list[str]]:
     """The first time (ns) at which most robots have truth and odometry, and those robots.
 
-    Truth holds at its stamps and between stamps at most MAX_GAP apart. Raises CltError where no
+    Truth holds at its stamps and between stamps at most MAX_TRUTH_GAP_S apart. Raises CltError where no
     robot has both at any time.
     """
-    begin = {name: odometry_begin(recording, name) for name in truths}
+    begin = {name: odometry_start(recording, name) for name in truths}
     starts = [_span_starts(truth.stamp) for truth in truths.values()]
     times = np.unique(np.concatenate([np.array(list(begin.values()), np.int64), *starts]))
     ready = np.array([_ready(recording, name, truths[name], times, begin[name]) for name in truths])
     count = ready.sum(axis=0)
     best = int(np.argmax(count))
     if count[best] == 0:
-        raise CltError(f"ground truth and odometry of no robot overlap in time; {REMEDY}")
+        raise CltError(
+            f"ground truth and odometry of no robot overlap in time; {POSES_FILE_REMEDY}"
+        )
     return int(times[best]), [name for name, has in zip(truths, ready[:, best], strict=True) if has]
 
 
 def _span_starts(stamp: Stamps) -> Stamps:
     """First stamps of the spans of a reference, which gaps divide."""
-    first: NDArray[np.bool_] = np.append(True, np.diff(stamp) > round(MAX_GAP * SECOND))
+    first: NDArray[np.bool_] = np.append(True, np.diff(stamp) > round(MAX_TRUTH_GAP_S * SECOND))
     return stamp[first]
 
 
@@ -74,14 +78,14 @@ def _ready(
 ) -> NDArray[np.bool_]:
     """At which of `times` (n,) a robot has truth and odometry."""
     ready = np.zeros(times.size, np.bool_)
-    ready[interpolate(truth, times, MAX_GAP)[0]] = True
+    ready[interpolate(truth, times, MAX_TRUTH_GAP_S)[0]] = True
     ready &= (times >= begin) & (times <= recording.odometry[name].stamp[-1])
     return ready
 
 
 def static_pose(recording: Recording, robot: Robot) -> InitialPose | None:
     """Known position of a static robot, else the mean of its truth; None where neither is."""
-    known = fixed_pose(robot)
+    known = known_static_pose(robot)
     truth = recording.truth.get(robot.name)
     if known is not None or truth is None or truth.stamp.size == 0:
         return known
@@ -91,7 +95,7 @@ def static_pose(recording: Recording, robot: Robot) -> InitialPose | None:
 def truth_frame(recording: Recording) -> str:
     """The frame that the references of all robots share, else `world`."""
     frames = {truth.frame for truth in recording.truth.values() if truth.stamp.size > 0}
-    return frames.pop() if len(frames) == 1 and frames != {""} else WORLD
+    return frames.pop() if len(frames) == 1 and frames != {""} else WORLD_FRAME
 
 
 def from_truth(recording: Recording, sigma: tuple[float, float, float]) -> Start:
@@ -106,7 +110,7 @@ def from_truth(recording: Recording, sigma: tuple[float, float, float]) -> Start
     at = np.array([stamp], np.int64)
     covariance = np.diag(np.square(np.asarray(sigma)))
     poses = {
-        name: InitialPose(interpolate(truths[name], at, MAX_GAP)[1][0], covariance)
+        name: InitialPose(interpolate(truths[name], at, MAX_TRUTH_GAP_S)[1][0], covariance)
         for name in names
     }
     for robot in recording.team.static:

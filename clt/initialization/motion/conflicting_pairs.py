@@ -10,45 +10,51 @@ from __future__ import annotations
 import numpy as np
 
 from clt.core.recording import Indices, Recording
-from clt.filters.kalman.eskf import Run
-from clt.initialization.motion.team import Settled
-from clt.initialization.motion.window import Window, mean_nis, part_of, row_likelihood, run
+from clt.filters.kalman.eskf import KalmanOutput
+from clt.initialization.motion.team import JointStart
+from clt.initialization.motion.window import (
+    StartWindow,
+    filter_window,
+    range_log_likelihoods,
+    window_nis,
+    window_with_ranges,
+)
 
-GAIN = 10.0
+MIN_LIKELIHOOD_GAIN = 10.0
 """Rise of the log-likelihood of the other ranges from which a pair contradicts them."""
-MOST_PAIRS = 12
+MAX_TRIED_PAIRS = 12
 """That are tried, those with the largest mean residuals."""
 
 
-def suspects(recording: Recording, settled: Settled) -> list[tuple[int, int]]:
+def find_conflicting_pairs(recording: Recording, settled: JointStart) -> list[tuple[int, int]]:
     """Pairs (team indices) whose ranges contradict the others, the one that does so most first."""
     window, size = settled.window, len(recording.team.robots)
     row = window.ranges.row
     source, target = recording.ranges.source[row], recording.ranges.target[row]
     key = np.minimum(source, target) * size + np.maximum(source, target)
     base = _filtered(window, settled)
-    likelihood = row_likelihood(window, base)
+    likelihood = range_log_likelihoods(window, base)
     found = []
-    for pair in _doubtful(window, base, key):
+    for pair in _pairs_by_mean_residual(window, base, key):
         rest = key != pair
-        less = part_of(window, rest)
+        less = window_with_ranges(window, rest)
         other = _filtered(less, settled)
-        gain = float(np.sum(row_likelihood(less, other)) - np.sum(likelihood[rest]))
-        gain /= max(1.0, mean_nis(less, other))
-        if gain > GAIN:
+        gain = float(np.sum(range_log_likelihoods(less, other)) - np.sum(likelihood[rest]))
+        gain /= max(1.0, window_nis(less, other))
+        if gain > MIN_LIKELIHOOD_GAIN:
             found.append((gain, divmod(pair, size)))
     return [ends for _, ends in sorted(found, reverse=True)]
 
 
-def _filtered(window: Window, settled: Settled) -> Run:
+def _filtered(window: StartWindow, settled: JointStart) -> KalmanOutput:
     """A run from the settled poses, with the say left to the ranges."""
-    return run(window, settled.poses.mean, np.diag(settled.spread**2))
+    return filter_window(window, settled.poses.mean, np.diag(settled.spread**2))
 
 
-def _doubtful(window: Window, result: Run, key: Indices) -> list[int]:
+def _pairs_by_mean_residual(window: StartWindow, result: KalmanOutput, key: Indices) -> list[int]:
     """Pairs by the size of their weighted mean residual in standard deviations, largest first."""
     pairs, index = np.unique(key, return_inverse=True)
     worth = window.ranges.variance / window.ranges.weight_variance / result.variance
     total = np.abs(np.bincount(index, worth * result.residual))
     order = np.argsort(-total / np.sqrt(np.bincount(index, worth)), kind="stable")
-    return [int(pair) for pair in pairs[order][:MOST_PAIRS]] if pairs.size > 1 else []
+    return [int(pair) for pair in pairs[order][:MAX_TRIED_PAIRS]] if pairs.size > 1 else []

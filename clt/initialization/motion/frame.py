@@ -15,30 +15,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.core.recording import Floats, Recording
-from clt.initialization.motion.layout import Layout, Other, lay_out, mirrored, noise_of
-from clt.initialization.motion.lines import apart, on_one_line, widest_pair
-from clt.initialization.motion.places import Place, distinct
-from clt.initialization.pair_distances import Pairs, mean_distances
+from clt.initialization.motion.layout import (
+    AlternativeLayout,
+    TeamLayout,
+    estimate_layout,
+    reflect_at_line,
+    same_place_distance,
+)
+from clt.initialization.motion.lines import are_collinear, farthest_pair, not_all_coincident
+from clt.initialization.motion.places import PossiblePosition, distinct_positions
+from clt.initialization.pair_distances import PairDistances, mean_distances
 from clt.model.settings import FilterSettings
 
-SURVEY = 10_000_000_000
+SURVEY_TIME_NS = 10_000_000_000
 """Over this long, ns, distances between static robots are averaged where nobody else stands;
 longer as long as they do not tie all static robots together."""
-LEAST_STANDSTILL = 500_000_000
+MIN_COMMON_STANDSTILL_NS = 500_000_000
 """A common standstill that is worth a layout of the whole team, ns."""
-ONE_UNKNOWN = "only one static robot, {}: the whole team may turn or shift unseen; two are needed"
-ONE_KNOWN = (
+ONE_STATIC_UNKNOWN = (
+    "only one static robot, {}: the whole team may turn or shift unseen; two are needed"
+)
+ONE_STATIC_KNOWN = (
     "only one static robot, {}: the whole team may turn around its known position unseen; the pose "
     "of one moving robot in a TOML file (--init FILE) or a second static robot is needed"
 )
-MOST = 8
+MAX_ARRANGEMENTS = 8
 """Arrangements of the static robots, up to mirror images, among which the moving ones decide."""
-LOOSE = 0.3
+LOOSE_POSITION_SIGMA = 0.3
 """Standard deviation that leaves the say on an uncertain position to the ranges, m."""
 
 
 @dataclass(frozen=True)
-class Frame:
+class CandidateFrame:
     """One possible arrangement of the static robots, and of whoever stood still with them."""
 
     surveyed: bool
@@ -62,14 +70,14 @@ class Frame:
 
     def reflect(self, point: Floats) -> Floats:
         """The mirror image of a point at that line."""
-        return mirrored(point, *self.axis)
+        return reflect_at_line(point, *self.axis)
 
 
 @dataclass(frozen=True)
 class Survey:
     """All possible arrangements; none where fewer than two static robots can be placed."""
 
-    frames: tuple[Frame, ...]
+    frames: tuple[CandidateFrame, ...]
     why: str = ""
     """Why there is no frame."""
     notes: tuple[str, ...] = ()
@@ -77,7 +85,7 @@ class Survey:
     """Pairs (team indices) whose distance contradicts the others."""
 
 
-def survey(
+def survey_frames(
     recording: Recording, begin: int, still: int, names: Sequence[str], settings: FilterSettings
 ) -> Survey:
     """Place the static robots from `begin` on; until `still` (ns) the moving `names` stand, too."""
@@ -89,28 +97,28 @@ def survey(
                 (), "no static robot: the whole team may turn or shift unseen; two are needed"
             )
         name, placed = static[0].name, static[0].position is not None
-        return Survey((), (ONE_KNOWN if placed else ONE_UNKNOWN).format(name))
+        return Survey((), (ONE_STATIC_KNOWN if placed else ONE_STATIC_UNKNOWN).format(name))
     known = {r.name: np.array(r.position) for r in static if r.position is not None}
-    surveyed = len(known) >= 2 and apart(list(known.values()))
+    surveyed = len(known) >= 2 and not_all_coincident(list(known.values()))
     notes: tuple[str, ...] = ()
     if len(known) == 1 and not surveyed:
         notes = (f"only {next(iter(known))} has a known position: the frame is built from ranges",)
     known = known if surveyed else {}
-    standers = list(names) if still - begin >= LEAST_STANDSTILL else []
+    standers = list(names) if still - begin >= MIN_COMMON_STANDSTILL_NS else []
     fixed = [r.name for r in static]
     names = [*fixed, *standers]
     if len(names) == len(known):
         return Survey((_frame(True, known, {}, {}, {}, list(known.values())),), notes=notes)
     indices, first = [team.index(name) for name in names], len(fixed)
     given = {names.index(n): p for n, p in known.items()}
-    until = still if len(standers) > 0 else begin + SURVEY
-    ends, found = _laid(recording, indices, given, (begin, until), settings)
+    until = still if len(standers) > 0 else begin + SURVEY_TIME_NS
+    ends, found = _layout_of(recording, indices, given, (begin, until), settings)
     last = int(recording.ranges.stamp[-1]) if recording.ranges.stamp.size > 0 else 0
     later, waited = until, False
     while not found.rigid[:first].all() and later < last:
         # Robots that stood only at first say nothing about one that came later.
-        later = max(begin + 2 * (later - begin), begin + SURVEY)
-        more = _laid(recording, indices[:first], given, (begin, later), settings)
+        later = max(begin + 2 * (later - begin), begin + SURVEY_TIME_NS)
+        more = _layout_of(recording, indices[:first], given, (begin, later), settings)
         if more[1].rigid.sum() > found.rigid[:first].sum():
             (ends, found), names, waited = more, fixed, True
     if waited:
@@ -126,13 +134,13 @@ def survey(
     return replace(made, left_out=tuple(ends[k] for k in left.tolist()))
 
 
-def _laid(
+def _layout_of(
     recording: Recording,
     indices: list[int],
     known: Mapping[int, Floats],
     span: tuple[int, int],
     settings: FilterSettings,
-) -> tuple[list[tuple[int, int]], Layout]:
+) -> tuple[list[tuple[int, int]], TeamLayout]:
     """The layout of the robots at team `indices` by their ranges in `span` (ns).
 
     Returns the ends of each pair as team indices, too.
@@ -141,15 +149,15 @@ def _laid(
     ends = list(zip(pairs.a.tolist(), pairs.b.tolist(), strict=True))
     node = np.full(len(recording.team.robots), -1)
     node[indices] = np.arange(len(indices))
-    nodes = Pairs(node[pairs.a], node[pairs.b], pairs.distance, pairs.sigma)
-    return ends, lay_out(nodes, len(indices), known)
+    nodes = PairDistances(node[pairs.a], node[pairs.b], pairs.distance, pairs.sigma)
+    return ends, estimate_layout(nodes, len(indices), known)
 
 
 def _arrangements(
     names: list[str],
     static: int,
     known: dict[str, Floats],
-    found: Layout,
+    found: TeamLayout,
     notes: tuple[str, ...],
 ) -> Survey:
     """Frames from the possible layouts: two of each where its mirror image differs."""
@@ -159,28 +167,28 @@ def _arrangements(
         return Survey((), f"too few ranges between the static robots to place {', '.join(lost)}")
     if len(lost) > 0:
         notes = (*notes, f"too few ranges to place {', '.join(lost)}: left out")
-    first = Other(found.position, found.covariance, found.probability)
+    first = AlternativeLayout(found.position, found.covariance, found.probability)
     groups = _groups([first, *found.others], [names.index(name) for name in held])
-    if len(groups) > MOST:
+    if len(groups) > MAX_ARRANGEMENTS:
         groups = groups[:1]
-        moved = _moved([first, *found.others], [names.index(name) for name in held])
+        moved = _differing_nodes([first, *found.others], [names.index(name) for name in held])
         open_ = [name for name in held if names.index(name) in moved]
         held = [name for name in held if name not in open_]
         if len(held) < 2:
             why = f"too many layouts fit the ranges between the static robots {', '.join(open_)}"
             return Survey((), why)
         notes = (*notes, f"too many places are possible of {', '.join(open_)}: left out")
-    frames: list[Frame] = []
+    frames: list[CandidateFrame] = []
     for group in groups:
         frames += _both_sides(names, static, held, known, found.rigid, group)
     return Survey(tuple(frames), notes=notes)
 
 
-def _groups(layouts: list[Other], nodes: list[int]) -> list[list[Other]]:
+def _groups(layouts: list[AlternativeLayout], nodes: list[int]) -> list[list[AlternativeLayout]]:
     """Layouts in which some nodes stand at the same places, the most probable first."""
-    groups: list[list[Other]] = []
+    groups: list[list[AlternativeLayout]] = []
     for one in layouts:
-        same = next((g for g in groups if len(_moved([g[0], one], nodes)) == 0), None)
+        same = next((g for g in groups if len(_differing_nodes([g[0], one], nodes)) == 0), None)
         if same is None:
             groups.append([one])
         else:
@@ -188,7 +196,7 @@ def _groups(layouts: list[Other], nodes: list[int]) -> list[list[Other]]:
     return groups
 
 
-def _moved(layouts: list[Other], nodes: list[int]) -> set[int]:
+def _differing_nodes(layouts: list[AlternativeLayout], nodes: list[int]) -> set[int]:
     """Which of some nodes are not at the same place in all layouts."""
     first = layouts[0]
     return {
@@ -196,7 +204,7 @@ def _moved(layouts: list[Other], nodes: list[int]) -> set[int]:
         for other in layouts[1:]
         for i in nodes
         if np.hypot(*(other.position[i] - first.position[i]))
-        > noise_of(first.covariance, other.covariance)[i]
+        > same_place_distance(first.covariance, other.covariance)[i]
     }
 
 
@@ -206,8 +214,8 @@ def _both_sides(
     held: list[str],
     known: dict[str, Floats],
     rigid: NDArray[np.bool_],
-    group: list[Other],
-) -> list[Frame]:
+    group: list[AlternativeLayout],
+) -> list[CandidateFrame]:
     """The frame of a group of layouts that agree on the static robots, and its mirror image."""
     found = group[0]
     placed = {name: found.position[names.index(name)] for name in held}
@@ -216,22 +224,25 @@ def _both_sides(
         i = names.index(name)
         free = found.covariance.diagonal()[2 * i : 2 * i + 2] > 0.0
         if free.any():
-            loose[name] = np.append(np.where(free, LOOSE, 0.0), 0.0)
+            loose[name] = np.append(np.where(free, LOOSE_POSITION_SIGMA, 0.0), 0.0)
     standing = {name: _places(group, i) for i, name in enumerate(names) if i >= static and rigid[i]}
     spread = {n: _block(found, names.index(n)) for n in (*loose, *standing)}
     surveyed = len(known) >= 2
     base = list(known.values()) if surveyed else [placed[name] for name in list(placed)[:2]]
     weight = float(np.log(sum(one.probability for one in group)))
     one = _frame(surveyed, placed, loose, standing, spread, base, weight)
-    if not on_one_line(base) or on_one_line([*base, *placed.values()]):
+    if not are_collinear(base) or are_collinear([*base, *placed.values()]):
         return [one]
-    a, b = widest_pair(base)
-    flip = mirrored(np.eye(2), np.zeros(2), b - a)
+    a, b = farthest_pair(base)
+    flip = reflect_at_line(np.eye(2), np.zeros(2), b - a)
     other = _frame(
         surveyed,
-        {name: mirrored(p, a, b) if name in loose else p for name, p in placed.items()},
+        {name: reflect_at_line(p, a, b) if name in loose else p for name, p in placed.items()},
         loose,
-        {name: tuple(mirrored(p, a, b) for p in places) for name, places in standing.items()},
+        {
+            name: tuple(reflect_at_line(p, a, b) for p in places)
+            for name, places in standing.items()
+        },
         {name: flip @ P @ flip for name, P in spread.items()},
         base,
         weight,
@@ -239,14 +250,17 @@ def _both_sides(
     return [one, other]
 
 
-def _places(group: list[Other], i: int) -> tuple[Floats, ...]:
+def _places(group: list[AlternativeLayout], i: int) -> tuple[Floats, ...]:
     """Where node i may be in a group of layouts."""
     part = slice(2 * i, 2 * i + 2)
-    found = [Place(one.position[i], one.covariance[part, part], one.probability) for one in group]
-    return tuple(place.position for place in distinct(found))
+    found = [
+        PossiblePosition(one.position[i], one.covariance[part, part], one.probability)
+        for one in group
+    ]
+    return tuple(place.position for place in distinct_positions(found))
 
 
-def _block(found: Other, i: int) -> Floats:
+def _block(found: AlternativeLayout, i: int) -> Floats:
     return np.asarray(found.covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2])
 
 
@@ -258,8 +272,8 @@ def _frame(
     covariance: dict[str, Floats],
     base: list[Floats],
     log_weight: float = 0.0,
-) -> Frame:
+) -> CandidateFrame:
     """The frame that the robots at `base` hold."""
-    line = on_one_line(list(anchors.values()))
-    axis = widest_pair(list(anchors.values()) if line else base)
-    return Frame(surveyed, anchors, loose, standing, covariance, line, axis, log_weight)
+    line = are_collinear(list(anchors.values()))
+    axis = farthest_pair(list(anchors.values()) if line else base)
+    return CandidateFrame(surveyed, anchors, loose, standing, covariance, line, axis, log_weight)

@@ -14,12 +14,12 @@ import numpy as np
 
 from clt.core.recording import Floats
 
-CONVERGED, ITERATIONS = 1e-10, 50
-DISTINCT = 25.0
+MIN_POSITION_STEP_M, MAX_POSITION_STEPS = 1e-10, 50
+MAX_EXTRA_COST = 25.0
 """A position explains the ranges as long as its squared residuals exceed the best by no more."""
 
 
-class Fix(NamedTuple):
+class PositionFix(NamedTuple):
     """A position (2,), its covariance (2, 2) and the squared residuals in units of variance."""
 
     position: Floats
@@ -27,7 +27,7 @@ class Fix(NamedTuple):
     cost: float
 
 
-class Track(NamedTuple):
+class PositionFixes(NamedTuple):
     """n positions (n, 2), their covariances (n, 2, 2) and squared residuals (n,)."""
 
     position: Floats
@@ -35,7 +35,7 @@ class Track(NamedTuple):
     cost: Floats
 
 
-class Bearing(NamedTuple):
+class HeadingFit(NamedTuple):
     """A heading (rad), its variance, and the position (2,) where the drive began."""
 
     heading: float
@@ -43,7 +43,7 @@ class Bearing(NamedTuple):
     origin: Floats
 
 
-def two_ranges(d1: Floats, d2: Floats, baseline: float) -> tuple[Floats, Floats]:
+def bilaterate(d1: Floats, d2: Floats, baseline: float) -> tuple[Floats, Floats]:
     """Position (x, |y|) from distances to (0, 0) and (baseline, 0), any shape, m.
 
     cos(phi) = (d1^2 + L^2 - d2^2) / (2 d1 L), x = d1 cos(phi), y = +-d1 sin(phi); the printed
@@ -54,29 +54,33 @@ def two_ranges(d1: Floats, d2: Floats, baseline: float) -> tuple[Floats, Floats]
     return x, np.sqrt(np.maximum(d1**2 - x**2, 0.0))
 
 
-def fixes(anchors: Floats, distance: Floats, sigma: Floats) -> list[Fix]:
+def position_fixes(anchors: Floats, distance: Floats, sigma: Floats) -> list[PositionFix]:
     """Positions that explain distances (k,) to two or more anchors (k, 2), the best first.
 
     Two anchors, or several on a line, leave two mirror images; more resolve them by themselves.
     """
-    tracks = [track(anchors, distance[None], sigma[None], side) for side in (1.0, -1.0)]
-    found = [Fix(t.position[0], t.covariance[0], float(t.cost[0])) for t in tracks]
+    tracks = [
+        track_position_fixes(anchors, distance[None], sigma[None], side) for side in (1.0, -1.0)
+    ]
+    found = [PositionFix(t.position[0], t.covariance[0], float(t.cost[0])) for t in tracks]
     found.sort(key=lambda fix: fix.cost)
     best, other = found
     apart = float(np.hypot(*(other.position - best.position)))
-    return found if other.cost < best.cost + DISTINCT and apart > 1e-3 else [best]
+    return found if other.cost < best.cost + MAX_EXTRA_COST and apart > 1e-3 else [best]
 
 
-def track(anchors: Floats, distance: Floats, sigma: Floats, side: float) -> Track:
+def track_position_fixes(
+    anchors: Floats, distance: Floats, sigma: Floats, side: float
+) -> PositionFixes:
     """Positions from distances (n, k) to k anchors (k, 2), NaN where one is missing.
 
     The two anchors furthest apart give the start, on the left (side 1) or right (-1) of the way
     from the first to the second; all of them refine it.
     """
-    i, j = widest(anchors)
+    i, j = widest_anchors(anchors)
     baseline = float(np.hypot(*(anchors[j] - anchors[i])))
     along = (anchors[j] - anchors[i]) / baseline
-    x, y = two_ranges(distance[:, i], distance[:, j], baseline)
+    x, y = bilaterate(distance[:, i], distance[:, j], baseline)
     y = np.maximum(y, np.hypot(sigma[:, i], sigma[:, j]))
     across = np.array([-along[1], along[0]])
     start = anchors[i] + x[:, None] * along + side * y[:, None] * across
@@ -84,7 +88,7 @@ def track(anchors: Floats, distance: Floats, sigma: Floats, side: float) -> Trac
     return _refine(anchors, distance, sigma, start)
 
 
-def bearing(position: Floats, covariance: Floats, displacement: Floats) -> Bearing | None:
+def fit_heading(position: Floats, covariance: Floats, displacement: Floats) -> HeadingFit | None:
     """Heading at the start of a drive by weighted regression, p = o + R(heading) displacement.
 
     position (n, 2) with covariance (n, 2, 2); displacement (n, 2) as odometry tells it in the
@@ -105,24 +109,24 @@ def bearing(position: Floats, covariance: Floats, displacement: Floats) -> Beari
     if length <= 0.0:
         return None
     gradient = np.array([0.0, 0.0, -s, c]) / length**2
-    return Bearing(
+    return HeadingFit(
         float(np.arctan2(s, c)), float(gradient @ inverse @ gradient), np.array([ox, oy])
     )
 
 
-def widest(anchors: Floats) -> tuple[int, int]:
+def widest_anchors(anchors: Floats) -> tuple[int, int]:
     """The two anchors (k, 2) that lie furthest apart, in order."""
     d = np.hypot(*np.moveaxis(anchors[:, None] - anchors[None, :], -1, 0))
     i, j = np.unravel_index(int(np.argmax(d)), d.shape)
     return int(min(i, j)), int(max(i, j))
 
 
-def _refine(anchors: Floats, distance: Floats, sigma: Floats, start: Floats) -> Track:
+def _refine(anchors: Floats, distance: Floats, sigma: Floats, start: Floats) -> PositionFixes:
     """Levenberg-Marquardt from n starts (n, 2) at once."""
     p, damping = start, np.full(start.shape[0], 1e-3)
     cost, normal, gradient = _linearize(anchors, distance, sigma, p)
     eye = np.eye(2)
-    for _ in range(ITERATIONS):
+    for _ in range(MAX_POSITION_STEPS):
         size = np.trace(normal, axis1=1, axis2=2)
         damped = normal + (damping * size)[:, None, None] * eye
         step = -np.linalg.solve(damped, gradient[:, :, None])[:, :, 0]
@@ -133,10 +137,10 @@ def _refine(anchors: Floats, distance: Floats, sigma: Floats, start: Floats) -> 
         cost = np.where(better, trial[0], cost)
         normal = np.where(better[:, None, None], trial[1], normal)
         gradient = np.where(better[:, None], trial[2], gradient)
-        if float(np.max(np.abs(step))) < CONVERGED:
+        if float(np.max(np.abs(step))) < MIN_POSITION_STEP_M:
             break
     floor = 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * eye
-    return Track(p, np.linalg.inv(normal + floor), cost)
+    return PositionFixes(p, np.linalg.inv(normal + floor), cost)
 
 
 def _linearize(

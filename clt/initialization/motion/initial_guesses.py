@@ -7,31 +7,31 @@ from collections.abc import Mapping
 import numpy as np
 
 from clt.core.recording import Floats
-from clt.initialization.motion.mds import complete, scale
-from clt.initialization.pair_distances import Pairs
+from clt.initialization.motion.mds import classical_scaling, complete_distances
+from clt.initialization.pair_distances import PairDistances
 
-RESTARTS = 12
+LAYOUT_RESTARTS = 12
 """Further starts where distances are missing or contradict each other."""
 
 
-def starts(pairs: Pairs, n: int, known: Mapping[int, Floats]) -> list[Floats]:
+def guess_layouts(pairs: PairDistances, n: int, known: Mapping[int, Floats]) -> list[Floats]:
     """Multidimensional scaling, brought into the frame; with known positions both ways round."""
     distance = np.full((n, n), np.nan)
     distance[pairs.a, pairs.b] = distance[pairs.b, pairs.a] = np.maximum(pairs.distance, 1e-3)
     for i, p in known.items():
         for j, q in known.items():
             distance[i, j] = float(np.hypot(*(p - q)))
-    full = complete(distance)
+    full = complete_distances(distance)
     far = 2.0 * float(np.max(full[np.isfinite(full)], initial=1.0))
-    raw = scale(np.where(np.isfinite(full), full, far))
+    raw = classical_scaling(np.where(np.isfinite(full), full, far))
     if len(known) == 0:
-        return [_in_frame(raw, np.zeros(2), np.array([1.0, 0.0]), 0, 1)]
+        return [_with_axis(raw, np.zeros(2), np.array([1.0, 0.0]), 0, 1)]
     nodes = list(known)
     target = np.array([known[node] for node in nodes])
     return [_procrustes(raw * [1.0, sign], nodes, target) for sign in (1.0, -1.0)]
 
 
-def _in_frame(raw: Floats, origin: Floats, along: Floats, a: int, b: int) -> Floats:
+def _with_axis(raw: Floats, origin: Floats, along: Floats, a: int, b: int) -> Floats:
     """Turn and shift positions so that node a lies at `origin` and b towards `along`."""
     d = raw[b] - raw[a]
     length = max(float(np.hypot(*d)), 1e-9)
@@ -50,8 +50,8 @@ def _procrustes(raw: Floats, nodes: list[int], target: Floats) -> Floats:
     return np.asarray((raw - source.mean(axis=0)) @ np.array([[c, s], [-s, c]]) + target.mean(0))
 
 
-def shaken(start: Floats, seed: int) -> Floats:
+def perturbed_layout(start: Floats, seed: int) -> Floats:
     """Another start, off by up to the size of the layout."""
     size = float(np.max(np.abs(start - start.mean(axis=0)), initial=1.0))
     noise = np.random.default_rng(seed).normal(size=start.shape)
-    return np.asarray(start + (seed + 1) / RESTARTS * size * noise)
+    return np.asarray(start + (seed + 1) / LAYOUT_RESTARTS * size * noise)

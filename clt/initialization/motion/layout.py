@@ -18,22 +18,31 @@ from scipy.optimize import least_squares
 from scipy.special import chdtri
 
 from clt.core.recording import Floats
-from clt.initialization.motion.initial_guesses import RESTARTS, shaken, starts
-from clt.initialization.motion.lines import on_one_line, widest_pair
-from clt.initialization.motion.places import DISTINCT
-from clt.initialization.motion.realizations import SAME, Nodes, realizations, spread
-from clt.initialization.pair_distances import Pairs
+from clt.initialization.motion.initial_guesses import (
+    LAYOUT_RESTARTS,
+    guess_layouts,
+    perturbed_layout,
+)
+from clt.initialization.motion.lines import are_collinear, farthest_pair
+from clt.initialization.motion.places import SAME_POSITION_M
+from clt.initialization.motion.realizations import (
+    SAME_LAYOUT_M,
+    LayoutGraph,
+    find_realizations,
+    noise_excess,
+)
+from clt.initialization.pair_distances import PairDistances
 
-RIGID = 1e-9
+MIN_RIGID_EIGENVALUE = 1e-9
 """Smallest eigenvalue of a rigid layout's normal matrix, as a share of the largest."""
 
 
-POSSIBLE = 1e-4
+MIN_LAYOUT_PROBABILITY = 1e-4
 """Probability below which another layout is no alternative."""
 
 
 @dataclass(frozen=True)
-class Other:
+class AlternativeLayout:
     """Another layout that fits nearly as well."""
 
     position: Floats
@@ -44,7 +53,7 @@ class Other:
 
 
 @dataclass(frozen=True)
-class Layout:
+class TeamLayout:
     """n positions and how well they are known."""
 
     position: Floats
@@ -59,7 +68,7 @@ class Layout:
     """(n,): the distances determine this position, up to mirror images."""
     probability: float = 1.0
     """Of this layout among the `others`, which differ by more than a mirror image of the whole."""
-    others: tuple[Other, ...] = ()
+    others: tuple[AlternativeLayout, ...] = ()
     """The most probable first."""
 
 
@@ -67,7 +76,7 @@ class Layout:
 class _Problem:
     """Pairs and the coordinates that are free to move."""
 
-    pairs: Pairs
+    pairs: PairDistances
     free: NDArray[np.bool_]
     """(n, 2)."""
     fixed: Floats
@@ -78,8 +87,8 @@ class _Problem:
         position[self.free] = parameters
         return position
 
-    def nodes(self, known: Mapping[int, Floats]) -> Nodes:
-        return Nodes(self.pairs, self.free, len(known) > 0)
+    def nodes(self, known: Mapping[int, Floats]) -> LayoutGraph:
+        return LayoutGraph(self.pairs, self.free, len(known) > 0)
 
     def residual(self, parameters: Floats) -> Floats:
         """(|p_a - p_b| - d) / sigma, shape (m,)."""
@@ -100,7 +109,7 @@ class _Problem:
         return J[:, self.free]
 
 
-def lay_out(pairs: Pairs, n: int, known: Mapping[int, Floats]) -> Layout:
+def estimate_layout(pairs: PairDistances, n: int, known: Mapping[int, Floats]) -> TeamLayout:
     """Positions of n nodes from mean distances between them.
 
     `known` positions (2,) hold the frame; with fewer than two of them it is Shi's, of nodes 0
@@ -108,14 +117,14 @@ def lay_out(pairs: Pairs, n: int, known: Mapping[int, Floats]) -> Layout:
     """
     known = known if len(known) >= 2 else {}
     problem = _problem(pairs, n, known)
-    guesses = starts(pairs, n, known)
+    guesses = guess_layouts(pairs, n, known)
     best = min((_fit(problem, start) for start in guesses), key=_cost)
     used = np.ones(pairs.a.size, np.bool_)
     sparse = pairs.a.size < n * (n - 1) // 2
     found = _realizations(problem, best, known, sparse)
     best = (found[0][0][problem.free], found[0][1])
     if _contradictory(problem, best):
-        more = [shaken(start, k) for start in guesses for k in range(RESTARTS)]
+        more = [perturbed_layout(start, k) for start in guesses for k in range(LAYOUT_RESTARTS)]
         best = min([best, *(_fit(problem, start) for start in more)], key=_cost)
         if _contradictory(problem, best):
             robust = min((_fit(problem, s, robust=True) for s in (*guesses, *more)), key=_cost)
@@ -130,28 +139,28 @@ def _realizations(
 ) -> list[tuple[Floats, float]]:
     """All layouts that are possible, from one of them; those that move loose nodes only are one."""
     rigid = _covariance(problem, *best)[2]
-    return realizations(problem.nodes(known), problem.place(best[0]), rigid, sparse)
+    return find_realizations(problem.nodes(known), problem.place(best[0]), rigid, sparse)
 
 
 def _layout(
-    pairs: Pairs,
+    pairs: PairDistances,
     used: NDArray[np.bool_],
     problem: _Problem,
     found: list[tuple[Floats, float]],
     known: Mapping[int, Floats],
-) -> Layout:
+) -> TeamLayout:
     """The best of the layouts that were found, with those that are clearly another one.
 
     Others that lie within its noise widen its covariance.
     """
     refined = [_fit(problem, position) for position, _ in found]
     refined.sort(key=_cost)
-    scale = spread(problem.nodes(known), refined[0][1])
+    scale = noise_excess(problem.nodes(known), refined[0][1])
     weight = np.exp(-0.5 * (np.array([cost for _, cost in refined]) - refined[0][1]) / scale)
     position, covariance, rigid = _covariance(problem, *refined[0])
     if len(known) == 0:
         position, covariance = _conventional(position, covariance)
-    others: list[Other] = []
+    others: list[AlternativeLayout] = []
     wide, total = covariance * weight[0], weight[0]
     for parameters, w in zip(refined[1:], weight[1:].tolist(), strict=True):
         own, P, _ = _covariance(problem, *parameters)
@@ -160,8 +169,8 @@ def _layout(
         if any(_off(own, one, rigid)[0] == 0 for one in seen):
             continue
         off = np.where(rigid, np.hypot(*(own - position).T), 0.0)
-        if (off > noise_of(covariance, P)).any():
-            others.append(Other(own, P, w))
+        if (off > same_place_distance(covariance, P)).any():
+            others.append(AlternativeLayout(own, P, w))
         else:
             e = np.where(rigid[:, None], own - position, 0.0).ravel()
             wide, total = wide + w * (P + np.outer(e, e)), total + w
@@ -169,23 +178,23 @@ def _layout(
     likely = tuple(
         replace(other, probability=other.probability / everything)
         for other in others
-        if other.probability > POSSIBLE * everything
+        if other.probability > MIN_LAYOUT_PROBABILITY * everything
     )
     left = pairs.distance - np.hypot(*(position[pairs.a] - position[pairs.b]).T)
     best = float(total / everything)
-    return Layout(position, wide / total, left, used, rigid, best, likely)
+    return TeamLayout(position, wide / total, left, used, rigid, best, likely)
 
 
-def noise_of(P: Floats, Q: Floats) -> Floats:
+def same_place_distance(P: Floats, Q: Floats) -> Floats:
     """Distance (n,) up to which places of covariances (2n, 2n) may be the same, m."""
     variance = P.diagonal() + Q.diagonal()
-    return np.asarray(DISTINCT + 3.0 * np.sqrt(variance.reshape(-1, 2).sum(axis=1)))
+    return np.asarray(SAME_POSITION_M + 3.0 * np.sqrt(variance.reshape(-1, 2).sum(axis=1)))
 
 
 def _off(position: Floats, other: Floats, rigid: NDArray[np.bool_]) -> tuple[int, float]:
     """How many nodes are elsewhere, and how far all of them together, m."""
     off = np.hypot(*(position - other)[rigid].T)
-    return int(np.sum(off > SAME)), float(np.sum(off))
+    return int(np.sum(off > SAME_LAYOUT_M)), float(np.sum(off))
 
 
 def _images(
@@ -193,21 +202,21 @@ def _images(
 ) -> list[tuple[Floats, Floats]]:
     """A layout and, where the frame allows it, its mirror image."""
     places = list(known.values())
-    if len(places) > 0 and not on_one_line(places):
+    if len(places) > 0 and not are_collinear(places):
         return [(position, covariance)]
-    a, b = widest_pair(places) if len(places) > 0 else (np.zeros(2), np.array([1.0, 0.0]))
-    flip = np.kron(np.eye(len(position)), mirrored(np.eye(2), np.zeros(2), b - a))
-    return [(position, covariance), (mirrored(position, a, b), flip @ covariance @ flip)]
+    a, b = farthest_pair(places) if len(places) > 0 else (np.zeros(2), np.array([1.0, 0.0]))
+    flip = np.kron(np.eye(len(position)), reflect_at_line(np.eye(2), np.zeros(2), b - a))
+    return [(position, covariance), (reflect_at_line(position, a, b), flip @ covariance @ flip)]
 
 
-def mirrored(position: Floats, a: Floats, b: Floats) -> Floats:
+def reflect_at_line(position: Floats, a: Floats, b: Floats) -> Floats:
     """Positions (..., 2) reflected at the line through the points a and b (2,)."""
     along = (b - a) / np.hypot(*(b - a))
     d = position - a
     return np.asarray(a + 2.0 * (d @ along)[..., None] * along - d)
 
 
-def _problem(pairs: Pairs, n: int, known: Mapping[int, Floats]) -> _Problem:
+def _problem(pairs: PairDistances, n: int, known: Mapping[int, Floats]) -> _Problem:
     free, fixed = np.ones((n, 2), np.bool_), np.zeros((n, 2))
     for node, position in known.items():
         free[node], fixed[node] = False, position
@@ -277,8 +286,8 @@ def _contradictory(problem: _Problem, found: tuple[Floats, float], chance: float
     return freedom > 0 and found[1] > float(chdtri(freedom, chance))
 
 
-def _select(pairs: Pairs, used: NDArray[np.bool_]) -> Pairs:
-    return Pairs(pairs.a[used], pairs.b[used], pairs.distance[used], pairs.sigma[used])
+def _select(pairs: PairDistances, used: NDArray[np.bool_]) -> PairDistances:
+    return PairDistances(pairs.a[used], pairs.b[used], pairs.distance[used], pairs.sigma[used])
 
 
 def _well_posed(problem: _Problem, parameters: Floats) -> bool:
@@ -306,14 +315,14 @@ def _covariance(
     slots = np.flatnonzero(problem.free.ravel())
     covariance[np.ix_(slots, slots)] = off * inverse
     # Stretched to a line, a mechanism looks stiff: it must be rigid around there, too.
-    nearby = shaken(position, RESTARTS // 3)[problem.free]
+    nearby = perturbed_layout(position, LAYOUT_RESTARTS // 3)[problem.free]
     return position, covariance, rigid & _inverse(problem.jacobian(nearby), problem.free)[1]
 
 
 def _inverse(J: Floats, free: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.bool_]]:
     """Pseudo-inverse of J^T J, and the nodes (n,) that none of its free directions moves."""
     values, vectors = np.linalg.eigh(J.T @ J)
-    loose = values <= RIGID * max(float(values[-1]), 1e-12)
+    loose = values <= MIN_RIGID_EIGENVALUE * max(float(values[-1]), 1e-12)
     inverse = np.where(loose, 0.0, 1.0 / np.where(loose, 1.0, values))
     swing = np.zeros(free.shape)
     swing[free] = np.sum(vectors[:, loose] ** 2, axis=1)

@@ -7,18 +7,18 @@ import math
 import numpy as np
 
 from clt.core.recording import Floats, Indices
-from clt.jit.compiled import kernel, lean
+from clt.jit.compiled import compiled_noalloc, kernel
 
-ITERATIONS = 100
-SETTLED = 1e-9
+MAX_DESCENT_STEPS = 100
+MIN_RELATIVE_GAIN = 1e-9
 """A step that gains less than this share of the cost (and of 1) ends the search."""
-STIFFEST = 1e8
-NEAREST = 1e-9
+MAX_DAMPING = 1e8
+MIN_NODE_DISTANCE = 1e-9
 """Two nodes are never closer, m."""
 
 
 @kernel
-def descend(
+def minimize_layouts(
     a: Indices,
     b: Indices,
     distance: Floats,
@@ -37,34 +37,34 @@ def descend(
     trial, cost = np.empty(starts.shape[1]), np.empty(len(starts))
     for row in range(len(starts)):
         p = starts[row]
-        now, damping = squares(a, b, distance, sigma, p), 1e-3
+        now, damping = layout_cost(a, b, distance, sigma, p), 1e-3
         fresh = True
-        for _ in range(ITERATIONS):
+        for _ in range(MAX_DESCENT_STEPS):
             if fresh:
-                linearize(a, b, distance, sigma, slot, p, normal, gradient)
+                layout_normal_equations(a, b, distance, sigma, slot, p, normal, gradient)
             mean = 0.0
             for i in range(size):
                 mean += normal[i, i] / size
-            solve(normal, damping * mean + 1e-12, gradient, factor, step)
+            solve_damped(normal, damping * mean + 1e-12, gradient, factor, step)
             for i in range(trial.size):
                 trial[i] = p[i] if slot[i] < 0 else p[i] - step[slot[i]]
-            then = squares(a, b, distance, sigma, trial)
+            then = layout_cost(a, b, distance, sigma, trial)
             fresh = then < now
             if fresh:
                 gain = now - then
                 p[:], now, damping = trial, then, max(0.1 * damping, 1e-12)
-                if gain < SETTLED * (1.0 + now):
+                if gain < MIN_RELATIVE_GAIN * (1.0 + now):
                     break
             else:
                 damping *= 10.0
-                if damping > STIFFEST:
+                if damping > MAX_DAMPING:
                     break
         cost[row] = now
     return cost
 
 
-@lean
-def squares(a: Indices, b: Indices, distance: Floats, sigma: Floats, p: Floats) -> float:
+@compiled_noalloc
+def layout_cost(a: Indices, b: Indices, distance: Floats, sigma: Floats, p: Floats) -> float:
     """Sum of squared residuals of a layout (2n,)."""
     total = 0.0
     for k in range(a.size):
@@ -74,8 +74,8 @@ def squares(a: Indices, b: Indices, distance: Floats, sigma: Floats, p: Floats) 
     return total
 
 
-@lean
-def linearize(
+@compiled_noalloc
+def layout_normal_equations(
     a: Indices,
     b: Indices,
     distance: Floats,
@@ -91,7 +91,7 @@ def linearize(
     for k in range(a.size):
         i, j = 2 * a[k], 2 * b[k]
         x, y = p[i] - p[j], p[i + 1] - p[j + 1]
-        h = max(math.hypot(x, y), NEAREST)
+        h = max(math.hypot(x, y), MIN_NODE_DISTANCE)
         r = (h - distance[k]) / sigma[k]
         for c in range(4):
             row = slot[(i if c < 2 else j) + c % 2]
@@ -106,8 +106,8 @@ def linearize(
                     normal[row, column] += e * f
 
 
-@lean
-def solve(normal: Floats, more: float, right: Floats, L: Floats, out: Floats) -> None:
+@compiled_noalloc
+def solve_damped(normal: Floats, more: float, right: Floats, L: Floats, out: Floats) -> None:
     """(normal + more I) out = right by Cholesky's factor, left in `L`."""
     n = right.size
     for i in range(n):

@@ -6,11 +6,11 @@ import numpy as np
 
 from clt.core.recording import Floats
 
-FLAT = 0.05
+MAX_OFF_LINE_SHARE = 0.05
 """Static robots closer than this to one line, as a share of its length, are on it."""
 
 
-def widest_pair(points: list[Floats]) -> tuple[Floats, Floats]:
+def farthest_pair(points: list[Floats]) -> tuple[Floats, Floats]:
     """The two points that lie furthest apart."""
     p = np.array(points)
     d = np.hypot(*np.moveaxis(p[:, None] - p[None, :], -1, 0))
@@ -18,15 +18,15 @@ def widest_pair(points: list[Floats]) -> tuple[Floats, Floats]:
     return p[min(i, j)], p[max(i, j)]
 
 
-def on_one_line(points: list[Floats]) -> bool:
-    """No point is off the line of the two furthest apart by more than FLAT of its length."""
-    a, b = widest_pair(points)
+def are_collinear(points: list[Floats]) -> bool:
+    """No point is off the line of the two furthest apart by more than MAX_OFF_LINE_SHARE of its length."""
+    a, b = farthest_pair(points)
     length = float(np.hypot(*(b - a)))
     off = [abs((b - a)[0] * (p - a)[1] - (b - a)[1] * (p - a)[0]) / length for p in points]
-    return bool(max(off) <= FLAT * length)
+    return bool(max(off) <= MAX_OFF_LINE_SHARE * length)
 
 
-def apart(points: list[Floats]) -> bool:
+def not_all_coincident(points: list[Floats]) -> bool:
     """The points do not all coincide."""
-    a, b = widest_pair(points)
+    a, b = farthest_pair(points)
     return bool(np.hypot(*(b - a)) > 1e-6)

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import shortest_path
 from clt.core.recording import Floats
 
 
-def complete(distance: Floats) -> Floats:
+def complete_distances(distance: Floats) -> Floats:
     """A symmetric distance matrix (n, n) whose missing entries (NaN) are shortest paths.
 
     Entries stay infinite where no path joins two nodes.
@@ -25,7 +25,7 @@ def complete(distance: Floats) -> Floats:
     return filled
 
 
-def scale(distance: Floats) -> Floats:
+def classical_scaling(distance: Floats) -> Floats:
     """Planar positions (n, 2) around their centroid from a complete distance matrix (n, n).
 
     B = -1/2 J D^2 J with J = I - 11^T/n; positions are its two leading eigenvectors, each times

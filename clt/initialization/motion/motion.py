@@ -13,40 +13,46 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from clt.core.errors import CltError
-from clt.core.recording import WORLD, Floats, Recording
-from clt.initialization.motion.conflicting_pairs import suspects
-from clt.initialization.motion.frame import Frame, Survey, survey
-from clt.initialization.motion.lines import on_one_line
+from clt.core.recording import WORLD_FRAME, Floats, Recording
+from clt.initialization.motion.conflicting_pairs import find_conflicting_pairs
+from clt.initialization.motion.frame import CandidateFrame, Survey, survey_frames
+from clt.initialization.motion.lines import are_collinear
 from clt.initialization.motion.robot_status import (
-    ambiguous,
+    ambiguous_robot,
     settled_robots,
     standing_robot,
     static_robots,
 )
-from clt.initialization.motion.search import Search, same_pose, search
-from clt.initialization.motion.standstill import standstill
+from clt.initialization.motion.search import PoseSearch, same_pose, search_poses
+from clt.initialization.motion.standstill import standstill_end
 from clt.initialization.motion.static import from_static
-from clt.initialization.motion.team import Combination, Settled, Verdict, judge_team, settle
-from clt.initialization.pair_distances import without
-from clt.initialization.start_time import beginning
-from clt.initialization.status import Initialization, RobotStatus, unobservable
+from clt.initialization.motion.team import (
+    Combination,
+    CombinationWeights,
+    JointStart,
+    refine_jointly,
+    weigh_combinations,
+)
+from clt.initialization.pair_distances import without_pairs
+from clt.initialization.start_time import choose_start_time
+from clt.initialization.status import Initialization, RobotStatus, unobservable_status
 from clt.model.settings import FilterSettings
 
-CERTAIN = 0.9999
+CERTAIN_POSE_PROBABILITY = 0.9999
 """Probability from which a pose is taken; below it the robot is ambiguous."""
-BAD_NIS = 4.0
+MAX_START_NIS = 4.0
 """Mean NIS beyond which ranges and odometry contradict each other."""
-BY_RANGES = (
+MIRROR_BY_CONVENTION = (
     "ranges do not distinguish this frame from its mirror image: taken is the one in which "
     "positive omega turns counter-clockwise; three surveyed robots off one line would decide"
 )
-ON_A_LINE = (
+COLLINEAR_SURVEY = (
     "the frame rests on {} alone: its mirror image at their line and, with their positions "
     "exchanged, a world turned by half fit the ranges as well; taken are the positions as given "
     "and the side on which positive omega turns counter-clockwise; a third surveyed robot off "
     "their line or one known heading would decide"
 )
-REMEDY = (
+CALIBRATION_REMEDY = (
     "calibrate ranges and odometry, or check noise.sigma_range, noise.sigma_v and "
     "noise.sigma_omega, or give poses in a TOML file (--init FILE)"
 )
@@ -59,12 +65,12 @@ class Attempt:
     recording: Recording
     """Without the pairs that are left out."""
     survey: Survey
-    searches: Mapping[str, Search] = field(default_factory=dict)
-    verdict: Verdict | None = None
+    searches: Mapping[str, PoseSearch] = field(default_factory=dict)
+    verdict: CombinationWeights | None = None
     """None where no robot has a possible pose."""
-    frame: Frame | None = None
+    frame: CandidateFrame | None = None
     """Of the robots whose pose is certain; None where there are none."""
-    settled: Settled | None = None
+    settled: JointStart | None = None
     """Their joint poses; None likewise."""
 
     @property
@@ -75,7 +81,7 @@ class Attempt:
         return {n: c for n, c in self.verdict.best.items() if n in self.settled.names}
 
     @property
-    def possible(self) -> tuple[tuple[Frame, float], ...]:
+    def possible(self) -> tuple[tuple[CandidateFrame, float], ...]:
         """Frames that remain possible and their probabilities, the chosen one first."""
         frames = self.survey.frames
         if self.verdict is None:
@@ -97,38 +103,38 @@ def from_motion(recording: Recording, settings: FilterSettings) -> Initializatio
     moving = [robot.name for robot in team.moving if robot.name in recording.odometry]
     if len(moving) == 0:
         raise CltError("no moving robot has odometry: there is nothing to initialize")
-    when = beginning(recording, moving)
-    still = {name: standstill(recording, name, when.stamp, settings) for name in when.names}
-    tried, notes, doubt = agreed(recording, when.stamp, still, settings)
+    when = choose_start_time(recording, moving)
+    still = {name: standstill_end(recording, name, when.stamp, settings) for name in when.names}
+    tried, notes, doubt = attempt_without_conflicts(recording, when.stamp, still, settings)
     found = tried.survey
-    robots = {robot.name: unobservable("no odometry") for robot in team.moving}
-    robots |= {name: unobservable(why) for name, why in when.absent.items()}
+    robots = {robot.name: unobservable_status("no odometry") for robot in team.moving}
+    robots |= {name: unobservable_status(why) for name, why in when.absent.items()}
     robots |= static_robots(team, found, tried.possible)
-    robots |= {name: unobservable(found.why) for name in when.names}
+    robots |= {name: unobservable_status(found.why) for name in when.names}
     if len(found.frames) > 0:
-        robots |= statuses(tried, doubt)
+        robots |= robot_statuses(tried, doubt)
     surveyed = len(found.frames) > 0 and found.frames[0].surveyed
     ordered = {robot.name: robots[robot.name] for robot in team.robots}
     said = (*when.notes, *found.notes, *notes)
-    frame = team.frame if surveyed else WORLD
-    assumed = mirror_taken(tried)
+    frame = team.frame if surveyed else WORLD_FRAME
+    assumed = mirror_assumptions(tried)
     return Initialization(when.stamp, surveyed, ordered, said, frame=frame, assumed=assumed)
 
 
-def mirror_taken(tried: Attempt) -> tuple[str, ...]:
+def mirror_assumptions(tried: Attempt) -> tuple[str, ...]:
     """By what a frame was told from its mirror image, where surveyed positions do not do that."""
     if tried.frame is None or len(tried.chosen) == 0:
         return ()
     robots = tried.recording.team.static
     known = {r.name: np.array(r.position) for r in robots if r.position is not None}
     if not tried.frame.surveyed:
-        return (BY_RANGES,)
-    if on_one_line(list(known.values())):
-        return (ON_A_LINE.format(" and ".join(known)),)
+        return (MIRROR_BY_CONVENTION,)
+    if are_collinear(list(known.values())):
+        return (COLLINEAR_SURVEY.format(" and ".join(known)),)
     return ()
 
 
-def agreed(
+def attempt_without_conflicts(
     recording: Recording, begin: int, still: Mapping[str, int], settings: FilterSettings
 ) -> tuple[Attempt, tuple[str, ...], str]:
     """An attempt whose ranges agree; notes on what that took; what stays in doubt.
@@ -136,56 +142,58 @@ def agreed(
     A pair that contradicts the others is left out where its absence, and no other suspect's, makes
     all agree. Where robots cannot be placed without a suspect, that cannot be told.
     """
-    tried = attempt(recording, begin, still, settings)
-    wrong = contradicting(tried)
+    tried = attempt_start(recording, begin, still, settings)
+    wrong = conflicts_of(tried)
     if len(wrong) == 0:
-        return tried, (), overall_doubt(tried)
-    less = [attempt(without(recording, [ends]), begin, still, settings) for ends in wrong]
+        return tried, (), explain_high_nis(tried)
+    less = [
+        attempt_start(without_pairs(recording, [ends]), begin, still, settings) for ends in wrong
+    ]
     pairs = ["-".join(recording.team.names[end] for end in ends) for ends in wrong]
     placed = [set(tried.chosen) <= set(one.chosen) for one in less]
-    agreeing = [k for k, one in enumerate(less) if placed[k] and len(contradicting(one)) == 0]
+    agreeing = [k for k, one in enumerate(less) if placed[k] and len(conflicts_of(one)) == 0]
     if len(agreeing) == 1 and all(placed):
         one = less[agreeing[0]]
         note = f"the ranges {pairs[agreeing[0]]} contradict the others: left out of the start"
-        return one, (note,), overall_doubt(one)
+        return one, (note,), explain_high_nis(one)
     open_ = [pair for k, pair in enumerate(pairs) if k in agreeing or not placed[k]]
     blame = f"those of {pairs[0]} most"
     if len(open_) > 0:
         blame = f"those of {' or '.join(open_)} may be biased"
-    return tried, (), f"the ranges contradict each other, {blame}: {REMEDY}"
+    return tried, (), f"the ranges contradict each other, {blame}: {CALIBRATION_REMEDY}"
 
 
-def contradicting(tried: Attempt) -> list[tuple[int, int]]:
+def conflicts_of(tried: Attempt) -> list[tuple[int, int]]:
     """Pairs (team indices) that contradict the others in an attempt."""
-    return [] if tried.settled is None else suspects(tried.recording, tried.settled)
+    return [] if tried.settled is None else find_conflicting_pairs(tried.recording, tried.settled)
 
 
-def overall_doubt(tried: Attempt) -> str:
+def explain_high_nis(tried: Attempt) -> str:
     """Why ranges and odometry as a whole cannot be believed; empty where they can."""
     nis = 1.0 if tried.settled is None else tried.settled.poses.nis
-    if nis <= BAD_NIS:
+    if nis <= MAX_START_NIS:
         return ""
-    return f"ranges and odometry contradict each other (mean NIS {nis:.1f}): {REMEDY}"
+    return f"ranges and odometry contradict each other (mean NIS {nis:.1f}): {CALIBRATION_REMEDY}"
 
 
-def attempt(
+def attempt_start(
     recording: Recording, begin: int, still: Mapping[str, int], settings: FilterSettings
 ) -> Attempt:
     """One pass from the layout to the joint poses."""
-    found = survey(recording, begin, min(still.values()), list(still), settings)
-    recording = without(recording, found.left_out)
+    found = survey_frames(recording, begin, min(still.values()), list(still), settings)
+    recording = without_pairs(recording, found.left_out)
     if len(found.frames) == 0:
         return Attempt(recording, found)
-    searches = searched(recording, found.frames, begin, still, settings)
+    searches = search_all_robots(recording, found.frames, begin, still, settings)
     open_ = {name: one for name, one in searches.items() if len(one.candidates) > 0}
     if len(open_) == 0:
         return Attempt(recording, found, searches)
     span = (begin, max(one.end for one in open_.values()))
-    verdict = judge_team(recording, open_, found.frames, span, still, settings)
+    verdict = weigh_combinations(recording, open_, found.frames, span, still, settings)
     chosen = {
         name: candidate
         for name, candidate in verdict.best.items()
-        if verdict.shares[name][0][1] >= CERTAIN
+        if verdict.shares[name][0][1] >= CERTAIN_POSE_PROBABILITY
         and same_pose(candidate.pose, verdict.shares[name][0][0].pose)
     }
     if len(chosen) == 0:
@@ -194,31 +202,31 @@ def attempt(
     tried = Attempt(recording, found, searches, verdict, frame)
     static = static_robots(recording.team, found, tried.possible)
     unsure = {name for name, robot in static.items() if robot.status == "ambiguous"}
-    settled = settle(recording, chosen, frame, unsure, span, still, settings)
+    settled = refine_jointly(recording, chosen, frame, unsure, span, still, settings)
     return replace(tried, settled=settled)
 
 
-def searched(
+def search_all_robots(
     recording: Recording,
-    frames: tuple[Frame, ...],
+    frames: tuple[CandidateFrame, ...],
     begin: int,
     still: Mapping[str, int],
     settings: FilterSettings,
-) -> dict[str, Search]:
+) -> dict[str, PoseSearch]:
     """Every robot by its ranges to static robots; who hears too few, by those found already."""
-    found = {name: search(recording, name, frames, begin, still, settings) for name in still}
+    found = {name: search_poses(recording, name, frames, begin, still, settings) for name in still}
     while any(one.lonely for one in found.values()):
         company = [
             {
                 name: candidate.pose.mean
                 for name, one in found.items()
                 for candidate in one.candidates
-                if candidate.frame == i and candidate.probability >= CERTAIN
+                if candidate.frame == i and candidate.probability >= CERTAIN_POSE_PROBABILITY
             }
             for i in range(len(frames))
         ]
         again = {
-            name: search(recording, name, frames, begin, still, settings, company)
+            name: search_poses(recording, name, frames, begin, still, settings, company)
             for name, one in found.items()
             if one.lonely
         }
@@ -228,13 +236,15 @@ def searched(
     return found
 
 
-def statuses(tried: Attempt, doubt: str) -> dict[str, RobotStatus]:
+def robot_statuses(tried: Attempt, doubt: str) -> dict[str, RobotStatus]:
     """All robots that took part in an attempt; with a `doubt` no pose is more than a guess."""
     frames, team = tried.survey.frames, tried.recording.team
     told: dict[str, RobotStatus] = {}
     poses: dict[str, Floats] = {}
     if tried.verdict is not None:
-        told |= {name: ambiguous(name, tried.verdict, frames) for name in tried.verdict.shares}
+        told |= {
+            name: ambiguous_robot(name, tried.verdict, frames) for name in tried.verdict.shares
+        }
         if tried.settled is not None:
             told |= settled_robots(tried.settled, tried.verdict, doubt)
             poses = {name: candidate.pose.mean for name, candidate in tried.chosen.items()}

@@ -9,12 +9,12 @@ import numpy as np
 
 from clt.core.recording import Floats
 
-DISTINCT = 0.02
+SAME_POSITION_M = 0.02
 """Places nearer than this, or within three sigma, are one, m."""
 
 
 @dataclass(frozen=True)
-class Place:
+class PossiblePosition:
     """One possible place of a robot."""
 
     position: Floats
@@ -24,24 +24,28 @@ class Place:
     probability: float
 
 
-def distinct(places: Sequence[Place]) -> list[Place]:
+def distinct_positions(places: Sequence[PossiblePosition]) -> list[PossiblePosition]:
     """Places that differ, the most probable first, with the probability of all that are alike.
 
     The probabilities of what comes back add up to 1.
     """
-    kept: list[Place] = []
+    kept: list[PossiblePosition] = []
     for place in sorted(places, key=lambda one: -one.probability):
-        same = next((k for k, one in enumerate(kept) if _alike(one, place)), None)
+        same = next((k for k, one in enumerate(kept) if _same_position(one, place)), None)
         if same is None:
             kept.append(place)
         else:
             one = kept[same]
-            kept[same] = Place(one.position, one.covariance, one.probability + place.probability)
+            kept[same] = PossiblePosition(
+                one.position, one.covariance, one.probability + place.probability
+            )
     total = sum(place.probability for place in kept)
-    scaled = [Place(one.position, one.covariance, one.probability / total) for one in kept]
+    scaled = [
+        PossiblePosition(one.position, one.covariance, one.probability / total) for one in kept
+    ]
     return sorted(scaled, key=lambda one: -one.probability)
 
 
-def _alike(a: Place, b: Place) -> bool:
+def _same_position(a: PossiblePosition, b: PossiblePosition) -> bool:
     sigma = np.sqrt(np.trace(a.covariance) + np.trace(b.covariance))
-    return float(np.hypot(*(a.position - b.position))) <= DISTINCT + 3.0 * float(sigma)
+    return float(np.hypot(*(a.position - b.position))) <= SAME_POSITION_M + 3.0 * float(sigma)

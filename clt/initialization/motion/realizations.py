@@ -16,34 +16,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.core.recording import Floats
-from clt.initialization.motion.layout_minima import descend
-from clt.initialization.pair_distances import Pairs
+from clt.initialization.motion.layout_minima import minimize_layouts
+from clt.initialization.pair_distances import PairDistances
 
-MARGIN = 20.0
+REALIZATION_COST_MARGIN = 20.0
 """A layout is possible up to this much more than the least sum of squares: 2 ln of 20,000."""
-BLIND = (6.0, 30.0, 150.0)
+UNSEEN_CHANGE_SIGMAS = (6.0, 30.0, 150.0)
 """A pair does not see a reflection that changes it by less than so many standard deviations:
 refitted, such layouts may fit within one."""
-FITS, MOST, KEPT, SCATTERED = 48, 24, 64, 64
+MAX_REFITTED_REFLECTIONS, MAX_REFLECTED_LAYOUTS, MAX_KEPT_LAYOUTS, SCATTERED_STARTS = 48, 24, 64, 64
 """Reflections that are refitted, layouts that are reflected, those that are kept, and scattered
 starts, at most."""
-SAME = 1e-3
+SAME_LAYOUT_M = 1e-3
 """Layouts closer than this are one minimum, m."""
 
 
 @dataclass(frozen=True)
-class Nodes:
+class LayoutGraph:
     """n nodes, measured pairs of them and the coordinates that are free to move."""
 
-    pairs: Pairs
+    pairs: PairDistances
     free: NDArray[np.bool_]
     """(n, 2). Without known positions node 0 and the y of node 1 are held at 0."""
     anchored: bool
     """Known positions hold the frame."""
 
 
-def realizations(
-    nodes: Nodes, first: Floats, compared: NDArray[np.bool_], scatter: bool
+def find_realizations(
+    nodes: LayoutGraph, first: Floats, compared: NDArray[np.bool_], scatter: bool
 ) -> list[tuple[Floats, float]]:
     """Possible layouts (n, 2) with their sums of squared residuals, the best first.
 
@@ -52,34 +52,34 @@ def realizations(
     """
     begin = first[None]
     if scatter:
-        begin = np.concatenate([begin, scattered(nodes, first)])
+        begin = np.concatenate([begin, scattered_layouts(nodes, first)])
     found: list[tuple[Floats, float]] = []
     _gather(found, nodes, begin, compared)
     done: list[Floats] = []
-    while len(done) < MOST:
+    while len(done) < MAX_REFLECTED_LAYOUTS:
         open_ = [p for p, _ in found if _new(done, p, compared)]
         if len(open_) == 0:
             break
         done.append(open_[0])
-        starts = reflections(nodes, open_[0])
+        starts = reflected_layouts(nodes, open_[0])
         if len(starts) > 0:
             _gather(found, nodes, starts, compared)
-    return found[:MOST]
+    return found[:MAX_REFLECTED_LAYOUTS]
 
 
-def spread(nodes: Nodes, cost: float) -> float:
+def noise_excess(nodes: LayoutGraph, cost: float) -> float:
     """By how much the residuals exceed their noise: 1, or the mean square of the best layout."""
     return max(1.0, cost / max(nodes.pairs.a.size - int(nodes.free.sum()), 1))
 
 
-def scattered(nodes: Nodes, first: Floats) -> Floats:
+def scattered_layouts(nodes: LayoutGraph, first: Floats) -> Floats:
     """Starts (k, n, 2) all over the size of a layout."""
     size = float(np.max(np.abs(first - first.mean(axis=0)), initial=1.0))
-    noise = np.random.default_rng(len(first)).uniform(-1.5, 1.5, (SCATTERED, *first.shape))
+    noise = np.random.default_rng(len(first)).uniform(-1.5, 1.5, (SCATTERED_STARTS, *first.shape))
     return np.where(nodes.free, first.mean(axis=0) + size * noise, first)
 
 
-def reflections(nodes: Nodes, position: Floats) -> Floats:
+def reflected_layouts(nodes: LayoutGraph, position: Floats) -> Floats:
     """Starts (k, n, 2): one part of a layout reflected at the line of two nodes each.
 
     A part hangs together by pairs that would see a reflection of one of their ends.
@@ -90,12 +90,12 @@ def reflections(nodes: Nodes, position: Floats) -> Floats:
     made = [np.empty((0, n, 2))]
     for u in range(n - 1):
         d, ends = position - position[u], position[u + 1 :] - position[u]
-        along = ends / np.maximum(np.hypot(*ends.T), SAME)[:, None]
+        along = ends / np.maximum(np.hypot(*ends.T), SAME_LAYOUT_M)[:, None]
         image = position[u] + 2.0 * (along @ d.T)[:, :, None] * along[:, None, :] - d
-        moved = np.hypot(*np.moveaxis(image - position, -1, 0)) > SAME
+        moved = np.hypot(*np.moveaxis(image - position, -1, 0)) > SAME_LAYOUT_M
         across = image[:, pairs.a] - position[pairs.b]
         change = np.abs(np.hypot(across[..., 0], across[..., 1]) - now) / pairs.sigma
-        for level in BLIND:
+        for level in UNSEEN_CHANGE_SIGMAS:
             part = _parts(pairs, change > level, n)
             other, own = moved[:, None] & ~part, moved[:, None] & part
             useful = own.any(axis=2) & other.any(axis=2) & ~(own & held).any(axis=2)
@@ -105,11 +105,11 @@ def reflections(nodes: Nodes, position: Floats) -> Floats:
     cost = np.sum(_residual(pairs, starts) ** 2, axis=1)
     order = np.argsort(cost, kind="stable")
     _, first = np.unique(np.round(starts[order], 3), axis=0, return_index=True)
-    starts = starts[order][np.sort(first)[:FITS]]
+    starts = starts[order][np.sort(first)[:MAX_REFITTED_REFLECTIONS]]
     return starts if nodes.anchored else _framed(starts)
 
 
-def _parts(pairs: Pairs, seeing: NDArray[np.bool_], n: int) -> NDArray[np.bool_]:
+def _parts(pairs: PairDistances, seeing: NDArray[np.bool_], n: int) -> NDArray[np.bool_]:
     """Nodes of the connected parts of graphs of some pairs (l, m), shape (l, n, n).
 
     Part k of a graph holds node k as its first, and is empty where that belongs to an earlier one.
@@ -124,16 +124,21 @@ def _parts(pairs: Pairs, seeing: NDArray[np.bool_], n: int) -> NDArray[np.bool_]
 
 
 def _gather(
-    found: list[tuple[Floats, float]], nodes: Nodes, starts: Floats, compared: NDArray[np.bool_]
+    found: list[tuple[Floats, float]],
+    nodes: LayoutGraph,
+    starts: Floats,
+    compared: NDArray[np.bool_],
 ) -> None:
     """Add the possible minima that the starts (k, n, 2) lead to, and keep the best first."""
-    position, cost = minima(nodes, starts)
+    position, cost = layout_minima_from(nodes, starts)
     least = min([cost.min(), *(one for _, one in found)])
-    limit = least + MARGIN * spread(nodes, least)
+    limit = least + REALIZATION_COST_MARGIN * noise_excess(nodes, least)
     for k in np.argsort(cost, kind="stable").tolist():
         if cost[k] < limit and _new([p for p, _ in found], position[k], compared):
             found.append((position[k], float(cost[k])))
-    found[:] = sorted((one for one in found if one[1] < limit), key=lambda one: one[1])[:KEPT]
+    found[:] = sorted((one for one in found if one[1] < limit), key=lambda one: one[1])[
+        :MAX_KEPT_LAYOUTS
+    ]
 
 
 def _new(seen: list[Floats], position: Floats, compared: NDArray[np.bool_]) -> bool:
@@ -141,20 +146,20 @@ def _new(seen: list[Floats], position: Floats, compared: NDArray[np.bool_]) -> b
     if len(seen) == 0:
         return True
     off = np.abs(np.array(seen)[:, compared] - position[compared])
-    return bool(np.min(np.max(off, axis=(1, 2), initial=0.0)) > SAME)
+    return bool(np.min(np.max(off, axis=(1, 2), initial=0.0)) > SAME_LAYOUT_M)
 
 
-def minima(nodes: Nodes, starts: Floats) -> tuple[Floats, Floats]:
+def layout_minima_from(nodes: LayoutGraph, starts: Floats) -> tuple[Floats, Floats]:
     """Layouts (k, n, 2) that starts lead to, and their sums of squares (k,)."""
     pairs, free = nodes.pairs, nodes.free.ravel()
     p = starts.reshape(len(starts), -1).copy()
     slot = np.where(free, np.cumsum(free) - 1, -1)
-    cost = descend(pairs.a, pairs.b, pairs.distance, pairs.sigma, slot, p)
+    cost = minimize_layouts(pairs.a, pairs.b, pairs.distance, pairs.sigma, slot, p)
     found = p.reshape(starts.shape)
     return found if nodes.anchored else _framed(found), cost
 
 
-def _residual(pairs: Pairs, p: Floats) -> Floats:
+def _residual(pairs: PairDistances, p: Floats) -> Floats:
     """(|p_a - p_b| - d) / sigma of layouts (k, n, 2), shape (k, m)."""
     d = p[:, pairs.a] - p[:, pairs.b]
     return np.asarray((np.hypot(d[..., 0], d[..., 1]) - pairs.distance) / pairs.sigma)

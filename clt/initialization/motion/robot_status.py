@@ -6,54 +6,58 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.core.recording import Floats, Robot, Team
-from clt.core.start import InitialPose, fixed_pose
-from clt.initialization.motion.frame import Frame, Survey
-from clt.initialization.motion.heading_hypotheses import Refined
-from clt.initialization.motion.places import Place, distinct
+from clt.core.start import InitialPose, known_static_pose
+from clt.initialization.motion.frame import CandidateFrame, Survey
+from clt.initialization.motion.heading_hypotheses import RefinedStart
+from clt.initialization.motion.places import PossiblePosition, distinct_positions
 from clt.initialization.motion.search import Candidate
-from clt.initialization.motion.team import Settled, Verdict
-from clt.initialization.status import Alternative, RobotStatus, Status, unobservable
+from clt.initialization.motion.team import CombinationWeights, JointStart
+from clt.initialization.status import Alternative, RobotStatus, Status, unobservable_status
 
-MIRROR_PLACE, MIRROR_HEADING = 0.3, 0.3
+MIRROR_POSITION_M, MIRROR_HEADING_RAD = 0.3, 0.3
 """A pose this close to the mirror image of another, m and rad, beyond three sigma, is that."""
 
-TOO_FEW = "too few ranges to place it"
-WHOLE = "ranges alone do not tell the layout from its mirror image; let the robots turn"
-PART = (
+TOO_FEW_RANGES = "too few ranges to place it"
+LAYOUT_MIRRORED = "ranges alone do not tell the layout from its mirror image; let the robots turn"
+LAYOUT_PART_MIRRORED = (
     "a mirror image of a part of the layout fits the ranges as well; ranges between more pairs, or "
     "its position in the log, would decide"
 )
 
 
-def ambiguous(name: str, verdict: Verdict, frames: tuple[Frame, ...]) -> RobotStatus:
+def ambiguous_robot(
+    name: str, verdict: CombinationWeights, frames: tuple[CandidateFrame, ...]
+) -> RobotStatus:
     """A robot of which several poses remain possible."""
     shares = verdict.shares[name]
     best, probability = shares[0]
     what = f"{len(shares)} poses explain its ranges (the best with probability {probability:.2f}); "
     what += "let it drive on in curves"
-    if all(mirror_images(best.pose, other.pose, frames[best.frame]) for other, _ in shares[1:]):
+    if all(are_mirror_images(best.pose, other.pose, frames[best.frame]) for other, _ in shares[1:]):
         what = f"this pose (with probability {probability:.2f}) or its mirror image, which only "
         what += "turning tells apart; let it turn"
     why = f"{what}, or give its pose in a TOML file (--init FILE)"
-    return RobotStatus("ambiguous", pose_of(best.pose), probability, why, others(shares))
+    return RobotStatus(
+        "ambiguous", refined_initial_pose(best.pose), probability, why, alternative_poses(shares)
+    )
 
 
-def mirror_images(a: Refined, b: Refined, frame: Frame) -> bool:
+def are_mirror_images(a: RefinedStart, b: RefinedStart, frame: CandidateFrame) -> bool:
     """Two poses are reflections of each other at the line of the static robots."""
     first, second = frame.axis
     line = float(np.arctan2(*(second - first)[::-1]))
     place = frame.reflect(a.mean[:2]) - b.mean[:2]
-    turn = float(wrap(2.0 * line - a.mean[2:3] - b.mean[2:3])[0])
+    turn = float(wrap_angle(2.0 * line - a.mean[2:3] - b.mean[2:3])[0])
     sigma = np.sqrt(a.covariance.diagonal() + b.covariance.diagonal())
     return bool(
-        np.hypot(*place) < 3.0 * np.hypot(*sigma[:2]) + MIRROR_PLACE
-        and abs(turn) < 3.0 * sigma[2] + MIRROR_HEADING
+        np.hypot(*place) < 3.0 * np.hypot(*sigma[:2]) + MIRROR_POSITION_M
+        and abs(turn) < 3.0 * sigma[2] + MIRROR_HEADING_RAD
     )
 
 
-def others(shares: tuple[tuple[Candidate, float], ...]) -> tuple[Alternative, ...]:
+def alternative_poses(shares: tuple[tuple[Candidate, float], ...]) -> tuple[Alternative, ...]:
     """All but the first of a robot's possible poses."""
     return tuple(
         Alternative(_wrapped(candidate.pose.mean), probability)
@@ -61,7 +65,9 @@ def others(shares: tuple[tuple[Candidate, float], ...]) -> tuple[Alternative, ..
     )
 
 
-def settled_robots(settled: Settled, verdict: Verdict, doubt: str) -> dict[str, RobotStatus]:
+def settled_robots(
+    settled: JointStart, verdict: CombinationWeights, doubt: str
+) -> dict[str, RobotStatus]:
     """Moving and uncertain static robots whose joint poses are found.
 
     With a mean NIS above 1 covariances grow by it; with a `doubt` the poses are only guesses.
@@ -76,33 +82,33 @@ def settled_robots(settled: Settled, verdict: Verdict, doubt: str) -> dict[str, 
         shares = verdict.shares.get(name, ())
         probability = shares[0][1] if len(shares) > 0 else 1.0
         status: Status = "ok" if doubt == "" else "ambiguous"
-        found[name] = RobotStatus(status, pose, probability, doubt, others(shares))
+        found[name] = RobotStatus(status, pose, probability, doubt, alternative_poses(shares))
     return found
 
 
 def static_robots(
-    team: Team, found: Survey, possible: tuple[tuple[Frame, float], ...]
+    team: Team, found: Survey, possible: tuple[tuple[CandidateFrame, float], ...]
 ) -> dict[str, RobotStatus]:
     """Static robots by the layout alone, in the frames that remain `possible`."""
     told = {}
     for robot in team.static:
-        known = fixed_pose(robot)
+        known = known_static_pose(robot)
         if len(found.frames) == 0:
             told[robot.name] = (
-                unobservable(found.why) if known is None else RobotStatus("ok", known)
+                unobservable_status(found.why) if known is None else RobotStatus("ok", known)
             )
         elif robot.name not in found.frames[0].anchors:
-            told[robot.name] = unobservable(TOO_FEW)
+            told[robot.name] = unobservable_status(TOO_FEW_RANGES)
         else:
             told[robot.name] = _placed(robot, possible)
     return told
 
 
-def _placed(robot: Robot, possible: tuple[tuple[Frame, float], ...]) -> RobotStatus:
+def _placed(robot: Robot, possible: tuple[tuple[CandidateFrame, float], ...]) -> RobotStatus:
     """A static robot in the frames that remain possible."""
     certain = np.zeros((2, 2))
     places = [
-        Place(
+        PossiblePosition(
             frame.anchors[robot.name],
             frame.covariance[robot.name] if robot.name in frame.loose else certain,
             probability,
@@ -110,13 +116,13 @@ def _placed(robot: Robot, possible: tuple[tuple[Frame, float], ...]) -> RobotSta
         for frame, probability in possible
     ]
     if any(frame.log_weight != possible[0][0].log_weight for frame, _ in possible):
-        return one_of(places, PART)
-    return one_of(places, WHOLE)
+        return status_of_positions(places, LAYOUT_PART_MIRRORED)
+    return status_of_positions(places, LAYOUT_MIRRORED)
 
 
-def one_of(places: list[Place], why: str) -> RobotStatus:
+def status_of_positions(places: list[PossiblePosition], why: str) -> RobotStatus:
     """A static robot at one of several places; `why` says so where they differ."""
-    best, *rest = distinct(places)
+    best, *rest = distinct_positions(places)
     covariance = np.zeros((3, 3))
     covariance[:2, :2] = best.covariance
     pose = InitialPose(np.append(best.position, 0.0), covariance)
@@ -127,14 +133,14 @@ def one_of(places: list[Place], why: str) -> RobotStatus:
 
 
 def standing_robot(
-    robot: Robot, why: str, frames: tuple[Frame, ...], poses: Mapping[str, Floats]
+    robot: Robot, why: str, frames: tuple[CandidateFrame, ...], poses: Mapping[str, Floats]
 ) -> RobotStatus:
     """A robot that never moved: its place by the layout, heading unknown.
 
     `poses` (3,) of moving robots that are found tell its side, if they stood off the line.
     """
     if robot.name not in frames[0].standing:
-        return unobservable(why)
+        return unobservable_status(why)
     places = [p for frame in frames for p in frame.standing.get(robot.name, ())]
     if len(frames) == 1 and frames[0].on_a_line:
         places = [side for place in places for side in _sides(frames[0], place, poses)]
@@ -147,7 +153,7 @@ def standing_robot(
     return RobotStatus("unobservable", InitialPose(means[0], covariance), share, why, rest)
 
 
-def _sides(frame: Frame, place: Floats, poses: Mapping[str, Floats]) -> list[Floats]:
+def _sides(frame: CandidateFrame, place: Floats, poses: Mapping[str, Floats]) -> list[Floats]:
     """A place of the layout, its mirror image, or both: as robots that are found have it."""
     both = [place, frame.reflect(place)]
     for name, pose in poses.items():
@@ -159,10 +165,10 @@ def _sides(frame: Frame, place: Floats, poses: Mapping[str, Floats]) -> list[Flo
     return both
 
 
-def pose_of(refined: Refined) -> InitialPose:
+def refined_initial_pose(refined: RefinedStart) -> InitialPose:
     """A single robot's refined pose; its covariance grows with a mean NIS above 1."""
     return InitialPose(_wrapped(refined.mean), max(1.0, refined.nis) * refined.covariance)
 
 
 def _wrapped(mean: Floats) -> Floats:
-    return np.append(mean[:2], wrap(mean[2:3]))
+    return np.append(mean[:2], wrap_angle(mean[2:3]))

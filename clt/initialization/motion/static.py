@@ -11,17 +11,28 @@ from dataclasses import replace
 import numpy as np
 
 from clt.core.errors import CltError
-from clt.core.recording import WORLD, Floats, Recording
-from clt.initialization.motion.layout import Layout, Other, lay_out, mirrored
-from clt.initialization.motion.lines import apart, on_one_line, widest_pair
-from clt.initialization.motion.places import Place
-from clt.initialization.motion.robot_status import PART, TOO_FEW, one_of
+from clt.core.recording import WORLD_FRAME, Floats, Recording
+from clt.initialization.motion.layout import (
+    AlternativeLayout,
+    TeamLayout,
+    estimate_layout,
+    reflect_at_line,
+)
+from clt.initialization.motion.lines import are_collinear, farthest_pair, not_all_coincident
+from clt.initialization.motion.places import PossiblePosition
+from clt.initialization.motion.robot_status import (
+    LAYOUT_PART_MIRRORED,
+    TOO_FEW_RANGES,
+    status_of_positions,
+)
 from clt.initialization.pair_distances import mean_distances
-from clt.initialization.status import Initialization, RobotStatus, unobservable
+from clt.initialization.status import Initialization, RobotStatus, unobservable_status
 from clt.model.settings import FilterSettings
 
-MIRROR = "ranges alone do not tell this layout from its mirror image"
-BESIDE = f"{MIRROR}; give the position of a robot beside the line of the others"
+MIRROR_UNDECIDED = "ranges alone do not tell this layout from its mirror image"
+MIRROR_UNDECIDED_ADVICE = (
+    f"{MIRROR_UNDECIDED}; give the position of a robot beside the line of the others"
+)
 
 
 def from_static(recording: Recording, settings: FilterSettings) -> Initialization:
@@ -33,42 +44,48 @@ def from_static(recording: Recording, settings: FilterSettings) -> Initializatio
     """
     team, stamp = recording.team, recording.ranges.stamp
     known = {i: np.array(r.position) for i, r in enumerate(team.robots) if r.position is not None}
-    surveyed = len(known) >= 2 and apart(list(known.values()))
+    surveyed = len(known) >= 2 and not_all_coincident(list(known.values()))
     known = known if surveyed else {}
     count = len(team.robots)
     if count < 2 or stamp.size == 0:
         raise CltError("no two static robots measured each other: there is nothing to lay out")
     begin = int(stamp[0])
     pairs = mean_distances(recording, range(count), begin - 1, int(stamp[-1]), settings.noise)
-    found = lay_out(pairs, count, known)
+    found = estimate_layout(pairs, count, known)
     off = float(np.sqrt(np.mean(found.residual[found.used] ** 2)))
     notes = [f"the layout misses {int(found.used.sum())} mean distances by {off:.3f} m rms"]
     if (left := int(np.count_nonzero(~found.used))) > 0:
         notes.append(f"{left} mean distance(s) contradict the others: left out")
-    on_a_line = not surveyed or on_one_line(list(known.values()))
+    on_a_line = not surveyed or are_collinear(list(known.values()))
     if on_a_line and count > max(len(known), 2):
-        notes.append(MIRROR)
-    axis = widest_pair(list(known.values())) if surveyed and on_a_line else None
+        notes.append(MIRROR_UNDECIDED)
+    axis = farthest_pair(list(known.values())) if surveyed and on_a_line else None
     robots = {name: _status(found, i, axis) for i, name in enumerate(team.names)}
-    frame = team.frame if surveyed else WORLD
+    frame = team.frame if surveyed else WORLD_FRAME
     return Initialization(begin, surveyed, robots, tuple(notes), frame=frame)
 
 
-def _status(layout: Layout, i: int, axis: tuple[Floats, Floats] | None) -> RobotStatus:
+def _status(layout: TeamLayout, i: int, axis: tuple[Floats, Floats] | None) -> RobotStatus:
     """One robot; its mirror image at the `axis`, two points (2,), is as good."""
     if not layout.rigid[i]:
-        return unobservable(TOO_FEW)
+        return unobservable_status(TOO_FEW_RANGES)
     part = slice(2 * i, 2 * i + 2)
-    first = Other(layout.position, layout.covariance, layout.probability)
+    first = AlternativeLayout(layout.position, layout.covariance, layout.probability)
     places = [
-        Place(one.position[i], one.covariance[part, part], one.probability)
+        PossiblePosition(one.position[i], one.covariance[part, part], one.probability)
         for one in (first, *layout.others)
     ]
     if axis is not None:
         along = (axis[1] - axis[0]) / np.hypot(*(axis[1] - axis[0]))
         flip = 2.0 * np.outer(along, along) - np.eye(2)
         places += [
-            replace(p, position=mirrored(p.position, *axis), covariance=flip @ p.covariance @ flip)
+            replace(
+                p,
+                position=reflect_at_line(p.position, *axis),
+                covariance=flip @ p.covariance @ flip,
+            )
             for p in places
         ]
-    return one_of(places, PART if len(layout.others) > 0 else BESIDE)
+    return status_of_positions(
+        places, LAYOUT_PART_MIRRORED if len(layout.others) > 0 else MIRROR_UNDECIDED_ADVICE
+    )

@@ -13,26 +13,38 @@ from itertools import islice, product
 import numpy as np
 
 from clt.core.recording import Floats, Recording
-from clt.initialization.motion.frame import Frame
-from clt.initialization.motion.heading_hypotheses import WIDE, Refined, probabilities, refine
-from clt.initialization.motion.layout import POSSIBLE
-from clt.initialization.motion.search import Candidate, Search, same_pose
-from clt.initialization.motion.window import Window, cut, log_likelihood, mean_nis, part_of, run
+from clt.initialization.motion.frame import CandidateFrame
+from clt.initialization.motion.heading_hypotheses import (
+    WIDE_POSE_SIGMA,
+    RefinedStart,
+    probabilities,
+    refine_start,
+)
+from clt.initialization.motion.layout import MIN_LAYOUT_PROBABILITY
+from clt.initialization.motion.search import Candidate, PoseSearch, same_pose
+from clt.initialization.motion.window import (
+    StartWindow,
+    build_window,
+    filter_window,
+    log_likelihood,
+    window_nis,
+    window_with_ranges,
+)
 from clt.model.settings import FilterSettings
 
-MOST = 64
+MAX_COMBINATIONS = 64
 """Combinations that are tried, the most probable ones."""
 
-CHECKED = 60_000_000_000
+AGREEMENT_TIME_NS = 60_000_000_000
 """Over this long all ranges must agree with the start, ns."""
-MOST_WORK = 400_000_000
+MAX_FILTER_WORK = 400_000_000
 """Ranges times the squared size of the state, of a window that is filtered for every pair."""
 
 Combination = dict[str, Candidate]
 
 
 @dataclass(frozen=True)
-class Verdict:
+class CombinationWeights:
     """What all ranges together say."""
 
     best: Combination
@@ -45,46 +57,46 @@ class Verdict:
 
 
 @dataclass(frozen=True)
-class Settled:
+class JointStart:
     """Joint poses at the start of a window, in the order of `names`."""
 
     names: tuple[str, ...]
-    poses: Refined
-    window: Window
+    poses: RefinedStart
+    window: StartWindow
     """A longer one, over which to see whether all ranges agree with them."""
     spread: Floats
     """Standard deviations that the ranges had the say from, (n,)."""
 
 
-def combinations(searches: Mapping[str, Search], frames: int) -> list[Combination]:
-    """The MOST most probable combinations whose poses are of one frame each."""
+def likely_combinations(searches: Mapping[str, PoseSearch], frames: int) -> list[Combination]:
+    """The MAX_COMBINATIONS most probable combinations whose poses are of one frame each."""
     found: list[tuple[float, Combination]] = []
     for frame in range(frames):
         choices = [
             [c for c in search.candidates if c.frame == frame] for search in searches.values()
         ]
-        for picked in islice(product(*choices), 4 * MOST * MOST):
+        for picked in islice(product(*choices), 4 * MAX_COMBINATIONS * MAX_COMBINATIONS):
             weight = float(np.sum(np.log([c.probability for c in picked])))
             found.append((weight, dict(zip(searches, picked, strict=True))))
     found.sort(key=lambda item: -item[0])
-    return [combination for _, combination in found[:MOST]]
+    return [combination for _, combination in found[:MAX_COMBINATIONS]]
 
 
-def judge_team(
+def weigh_combinations(
     recording: Recording,
-    searches: Mapping[str, Search],
-    frames: tuple[Frame, ...],
+    searches: Mapping[str, PoseSearch],
+    frames: tuple[CandidateFrame, ...],
     span: tuple[int, int],
     still: Mapping[str, int],
     settings: FilterSettings,
-) -> Verdict:
+) -> CombinationWeights:
     """Weigh the combinations of all robots' possible poses by all ranges in `span` (ns)."""
-    tried = combinations(searches, len(frames))
+    tried = likely_combinations(searches, len(frames))
     scores = [(0.0, 1.0)]
     if len(tried) > 1:
         scores = [
             _score(
-                cut(recording, list(searches), [], frame.anchors, still, span, settings),
+                build_window(recording, list(searches), [], frame.anchors, still, span, settings),
                 np.concatenate([c.pose.mean for c in combination.values()]),
                 frame.log_weight,
             )
@@ -104,8 +116,8 @@ def judge_team(
     for p, combination in zip(probability.tolist(), tried, strict=True):
         frame = next(iter(combination.values())).frame
         possible[frame] = possible.get(frame, 0.0) + p
-    possible = {frame: p for frame, p in possible.items() if p > POSSIBLE}
-    return Verdict(tried[int(order[0])], shares, possible)
+    possible = {frame: p for frame, p in possible.items() if p > MIN_LAYOUT_PROBABILITY}
+    return CombinationWeights(tried[int(order[0])], shares, possible)
 
 
 def _merged(own: list[tuple[Candidate, float]]) -> tuple[tuple[Candidate, float], ...]:
@@ -124,21 +136,23 @@ def _one_pose(a: Candidate, b: Candidate) -> bool:
     return a.frame != b.frame and same_pose(a.pose, b.pose)
 
 
-def _score(window: Window, mean: Floats, log_weight: float) -> tuple[float, float]:
+def _score(window: StartWindow, mean: Floats, log_weight: float) -> tuple[float, float]:
     """Log-likelihood and mean NIS from joint poses at the start of a window."""
-    result = run(window, mean, np.diag(np.tile(np.square(WIDE), len(window.moving))))
-    return log_likelihood(window, result) + log_weight, mean_nis(window, result)
+    result = filter_window(
+        window, mean, np.diag(np.tile(np.square(WIDE_POSE_SIGMA), len(window.moving)))
+    )
+    return log_likelihood(window, result) + log_weight, window_nis(window, result)
 
 
-def settle(
+def refine_jointly(
     recording: Recording,
     chosen: Combination,
-    frame: Frame,
+    frame: CandidateFrame,
     open_: Collection[str],
     span: tuple[int, int],
     still: Mapping[str, int],
     settings: FilterSettings,
-) -> Settled:
+) -> JointStart:
     """Poses of the chosen robots and of uncertain static ones at the start of `span`, jointly.
 
     Static robots whose place is `open_` take no part.
@@ -146,17 +160,17 @@ def settle(
     floating = [name for name in frame.loose if name not in open_]
     anchors = {name: p for name, p in frame.anchors.items() if name not in frame.loose}
     window, longer = (
-        cut(recording, list(chosen), floating, anchors, still, (span[0], end), settings)
-        for end in (span[1], max(span[1], span[0] + CHECKED))
+        build_window(recording, list(chosen), floating, anchors, still, (span[0], end), settings)
+        for end in (span[1], max(span[1], span[0] + AGREEMENT_TIME_NS))
     )
     mean = [candidate.pose.mean for candidate in chosen.values()]
     mean += [np.append(frame.anchors[name], 0.0) for name in floating]
     loose = [frame.loose[name] for name in floating]
-    spread = np.concatenate([np.tile(WIDE, len(chosen)), *loose])
-    poses = refine(window, np.concatenate(mean), loose)
-    return Settled((*chosen, *floating), poses, shortened(longer), spread)
+    spread = np.concatenate([np.tile(WIDE_POSE_SIGMA, len(chosen)), *loose])
+    poses = refine_start(window, np.concatenate(mean), loose)
+    return JointStart((*chosen, *floating), poses, limit_ranges(longer), spread)
 
 
-def shortened(window: Window) -> Window:
+def limit_ranges(window: StartWindow) -> StartWindow:
     """A window without the last of its ranges, if they are too many to filter again and again."""
-    return part_of(window, slice(max(MOST_WORK // window.size**2, 1)))
+    return window_with_ranges(window, slice(max(MAX_FILTER_WORK // window.size**2, 1)))

@@ -15,33 +15,33 @@ from numpy.typing import NDArray
 from clt.core.recording import Floats, Recording
 from clt.filters.kalman import eskf
 from clt.model.inputs import (
-    LEAST_SIGMA_OMEGA,
-    LEAST_SIGMA_V,
+    MIN_SIGMA_OMEGA,
+    MIN_SIGMA_V,
     Outputs,
     RangeTable,
-    Segments,
+    TwistSegments,
     join_segments,
+    no_segments,
     range_table,
     robot_segments,
-    standing,
 )
-from clt.model.settings import FilterSettings, Noise
-from clt.model.unicycle import EXACT
+from clt.model.settings import FilterSettings, NoiseSettings
+from clt.model.unicycle import EXACT_NOISE
 
-WORST = 25.0
+MAX_UNGATED_NIS = 25.0
 """NIS beyond which a range tells no more against a hypothesis, where there is no gate."""
 NO_OUTPUTS = Outputs(np.empty(0, np.int64), np.empty(0, np.int64))
 
 
 @dataclass(frozen=True)
-class Window:
+class StartWindow:
     """Inputs of the filter from `start` on; state robots in the order of `moving`, `floating`."""
 
     moving: tuple[str, ...]
     floating: tuple[str, ...]
     start: int
     lever: Floats
-    segments: Segments
+    segments: TwistSegments
     ranges: RangeTable
     settings: FilterSettings
 
@@ -51,7 +51,7 @@ class Window:
         return 3 * len(self.moving) + 3 * len(self.floating)
 
 
-def cut(
+def build_window(
     recording: Recording,
     moving: Sequence[str],
     floating: Sequence[str],
@@ -59,7 +59,7 @@ def cut(
     still: Mapping[str, int],
     span: tuple[int, int],
     settings: FilterSettings,
-) -> Window:
+) -> StartWindow:
     """The window over `span` (ns).
 
     `anchors` are certain positions; `still` says until when (ns) each moving robot stands.
@@ -69,9 +69,9 @@ def cut(
     for name in moving:
         robot = team.robots[team.index(name)]
         part, _ = robot_segments(recording.odometry[name], robot, settings.noise, start, end)
-        part = _unsure(part, settings.noise, (end - start) * 1e-9)
-        parts.append(_held(part, still.get(name, start)))
-    parts += [standing() for _ in floating]
+        part = _with_lasting_errors(part, settings.noise, (end - start) * 1e-9)
+        parts.append(_zero_until(part, still.get(name, start)))
+    parts += [no_segments() for _ in floating]
     state = {team.index(name): i for i, name in enumerate([*moving, *floating])}
     table, _ = range_table(
         recording.ranges,
@@ -83,12 +83,14 @@ def cut(
         end,
     )
     lever = np.array([team.robots[team.index(n)].antenna for n in (*moving, *floating)], np.float64)
-    return Window(
+    return StartWindow(
         tuple(moving), tuple(floating), start, lever, join_segments(parts), table, settings
     )
 
 
-def _unsure(part: Segments, noise: Noise, seconds: float) -> Segments:
+def _with_lasting_errors(
+    part: TwistSegments, noise: NoiseSettings, seconds: float
+) -> TwistSegments:
     """Twist segments of one robot with the noise that errors of scale and bias come to.
 
     White noise that adds up to as much over so many `seconds`, and to more before.
@@ -101,20 +103,20 @@ def _unsure(part: Segments, noise: Noise, seconds: float) -> Segments:
     )
 
 
-def _held(part: Segments, until: int) -> Segments:
+def _zero_until(part: TwistSegments, until: int) -> TwistSegments:
     """Twist segments of one robot, zero up to `until` (ns)."""
     still = part.end <= until
     return part._replace(
         v=np.where(still, 0.0, part.v),
         omega=np.where(still, 0.0, part.omega),
-        var_v=np.where(still, LEAST_SIGMA_V**2, part.var_v),
-        var_omega=np.where(still, LEAST_SIGMA_OMEGA**2, part.var_omega),
+        var_v=np.where(still, MIN_SIGMA_V**2, part.var_v),
+        var_omega=np.where(still, MIN_SIGMA_OMEGA**2, part.var_omega),
     )
 
 
-def run(window: Window, mean: Floats, covariance: Floats) -> eskf.Run:
+def filter_window(window: StartWindow, mean: Floats, covariance: Floats) -> eskf.KalmanOutput:
     """Filter a window from a joint mean and covariance at its start."""
-    return eskf.run(
+    return eskf.run_eskf(
         mean,
         covariance,
         window.start,
@@ -123,17 +125,17 @@ def run(window: Window, mean: Floats, covariance: Floats) -> eskf.Run:
         window.ranges,
         NO_OUTPUTS,
         gate=window.settings.gate,
-        form=EXACT,
+        form=EXACT_NOISE,
     )
 
 
-def bounded_nis(window: Window, result: eskf.Run) -> Floats:
+def bounded_nis(window: StartWindow, result: eskf.KalmanOutput) -> Floats:
     """NIS of each range, cut off: however far off a range is, it may have been an outlier."""
-    worst = window.settings.gate if window.settings.gate > 0.0 else WORST
+    worst = window.settings.gate if window.settings.gate > 0.0 else MAX_UNGATED_NIS
     return np.minimum(result.residual**2 / result.variance, worst)
 
 
-def row_likelihood(window: Window, result: eskf.Run) -> Floats:
+def range_log_likelihoods(window: StartWindow, result: eskf.KalmanOutput) -> Floats:
     """Logarithm of how probable each range was, up to a constant.
 
     A range counts for as many as it is worth where errors are correlated.
@@ -142,23 +144,23 @@ def row_likelihood(window: Window, result: eskf.Run) -> Floats:
     return np.asarray(-0.5 * worth * (bounded_nis(window, result) + np.log(result.variance)))
 
 
-def log_likelihood(window: Window, result: eskf.Run) -> float:
+def log_likelihood(window: StartWindow, result: eskf.KalmanOutput) -> float:
     """Logarithm of how probable all ranges were, up to a constant."""
-    return float(np.sum(row_likelihood(window, result)))
+    return float(np.sum(range_log_likelihoods(window, result)))
 
 
-def mean_nis(window: Window, result: eskf.Run) -> float:
+def window_nis(window: StartWindow, result: eskf.KalmanOutput) -> float:
     """Mean NIS of the ranges of a window, outliers cut off; 1 for a true model."""
     return float(np.mean(bounded_nis(window, result)))
 
 
-def part_of(window: Window, rows: NDArray[np.bool_] | slice) -> Window:
+def window_with_ranges(window: StartWindow, rows: NDArray[np.bool_] | slice) -> StartWindow:
     """The window with some of its ranges."""
     columns = window.ranges._asdict().items()
     return replace(window, ranges=RangeTable(**{name: column[rows] for name, column in columns}))
 
 
-def with_memory(window: Window) -> Window:
+def with_start_copies(window: StartWindow) -> StartWindow:
     """The window with a copy of every moving robot that stays where that robot was at the start.
 
     The filter's posterior of the copies is what the whole window says about the start: a

@@ -16,45 +16,49 @@ from clt.initialization.pairwise.likelihood import (
     DISTANCE,
     PHI,
     THETA,
-    Pair,
-    factor,
-    forward,
+    PairRanges,
+    cholesky_factor,
+    forward_substitute,
 )
 from clt.jit.compiled import kernel
 
-DEVIATIONS = 2.0
+MAX_NOISE_SIGMAS = 2.0
 """Standard deviations beyond the mean up to which a difference may be the noise's."""
 
 
 @kernel
-def worth(pair: Pair, one: Floats, other: Floats) -> float:
-    """Share, 0 to 1, that counts of the evidence between two poses (as `weigh` tells them).
+def evidence_share(pair: PairRanges, one: Floats, other: Floats) -> float:
+    """Share, 0 to 1, that counts of the evidence between two poses (as `evaluate_cost` tells them).
 
     With Delta the difference of predicted ranges and C the covariance that errors of the tracks
     give it, Delta^T (C + R)^-1 Delta is nu = tr C (C + R)^-1 by noise alone, on average.
     """
     n = pair.z.size
     u, v, Delta = np.empty((n, 2)), np.empty((n, 2)), np.empty((n, 1))
-    _sight(pair, one, 1.0, u, v, Delta)
-    _sight(pair, other, -1.0, u, v, Delta)
+    _add_lines_of_sight(pair, one, 1.0, u, v, Delta)
+    _add_lines_of_sight(pair, other, -1.0, u, v, Delta)
     L, identity = np.empty((n, n)), np.zeros((n, n))
     for k in range(n):
         for m in range(k + 1):
-            L[k, m] = _between(u, pair.P_a[k, m], k, m) + _between(v, pair.P_b[k, m], k, m)
+            L[k, m] = _quadratic_form(u, pair.P_a[k, m], k, m) + _quadratic_form(
+                v, pair.P_b[k, m], k, m
+            )
         L[k, k] += pair.variance[k]
         identity[k, k] = np.sqrt(pair.variance[k])
-    factor(L, n)
-    forward(L, Delta, n, 1)
-    forward(L, identity, n, n)
+    cholesky_factor(L, n)
+    forward_substitute(L, Delta, n, 1)
+    forward_substitute(L, identity, n, n)
     nu = max(n - np.sum(identity * identity), 0.0)
     told = np.sum(Delta * Delta)
     if told <= 0.0:
         return 1.0
-    return float(max(1.0 - (nu + DEVIATIONS * np.sqrt(2.0 * nu)) / told, 0.0))
+    return float(max(1.0 - (nu + MAX_NOISE_SIGMAS * np.sqrt(2.0 * nu)) / told, 0.0))
 
 
 @kernel
-def _sight(pair: Pair, pose: Floats, sign: float, u: Floats, v: Floats, Delta: Floats) -> None:
+def _add_lines_of_sight(
+    pair: PairRanges, pose: Floats, sign: float, u: Floats, v: Floats, Delta: Floats
+) -> None:
     """Lines of sight in both robots' frames and predicted ranges of a pose; -1: less another's."""
     c, s = np.cos(pose[PHI]), np.sin(pose[PHI])
     q_x = pose[DISTANCE] * np.cos(pose[THETA])
@@ -76,7 +80,7 @@ def _sight(pair: Pair, pose: Floats, sign: float, u: Floats, v: Floats, Delta: F
 
 
 @kernel
-def _between(u: Floats, P: Floats, k: int, m: int) -> float:
+def _quadratic_form(u: Floats, P: Floats, k: int, m: int) -> float:
     """u_k^T P u_m."""
     return float(
         u[k, 0] * (P[0, 0] * u[m, 0] + P[0, 1] * u[m, 1])

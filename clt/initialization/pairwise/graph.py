@@ -3,7 +3,7 @@
 A pair's hypotheses are a mixture of Gaussians over one relative pose. From the ego on, the pair
 that is most certain places the next robot; every further pair between placed robots is then a
 measurement of their relative pose, so that cycles of the graph disambiguate. All combinations are
-kept that matter (a Kalman filter each), the most probable BEAM of them.
+kept that matter (a Kalman filter each), the most probable MAX_JOINT_HYPOTHESES of them.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clt.core.geometry import relative_pose, rotation, wrap
+from clt.core.geometry import relative_pose, rotation_matrix, wrap_angle
 from clt.core.recording import Floats
-from clt.initialization.pairwise.hypotheses import Hypotheses
+from clt.initialization.pairwise.hypotheses import PairHypotheses
 
-BEAM = 64
+MAX_JOINT_HYPOTHESES = 64
 """Joint hypotheses that are carried along."""
-LEAST = 1e-4
+MIN_JOINT_PROBABILITY = 1e-4
 """Of the best one's probability; below, they are dropped."""
 
-Edges = Mapping[tuple[str, str], Hypotheses]
+PairGraph = Mapping[tuple[str, str], PairHypotheses]
 """Of robot pairs (i, j): the pose of j in the frame of i. A static robot is j, its heading 0."""
 
 
 @dataclass(frozen=True)
-class Joint:
+class JointHypothesis:
     """One combination: poses of all placed robots in the frame of the ego."""
 
     log_weight: float
@@ -45,22 +45,24 @@ class Joint:
     """Probability of the combinations that there was no room for."""
 
 
-def combine(ego: str, edges: Edges, static: frozenset[str]) -> tuple[tuple[str, ...], list[Joint]]:
+def combine_pairs(
+    ego: str, edges: PairGraph, static: frozenset[str]
+) -> tuple[tuple[str, ...], list[JointHypothesis]]:
     """Robots that the graph connects to the ego, and their joint hypotheses, the best first."""
     placed = [ego]
-    joints = [Joint(0.0, 0.0, np.zeros((1, 3)), np.zeros((3, 3)))]
+    joints = [JointHypothesis(0.0, 0.0, np.zeros((1, 3)), np.zeros((3, 3)))]
     left = dict(edges)
     while (pair := _next_pair(placed, left, static)) is not None:
         hypotheses = left.pop(pair)
         if pair[0] not in placed:
-            pair, hypotheses = (pair[1], pair[0]), inverted(hypotheses)
+            pair, hypotheses = (pair[1], pair[0]), invert_hypotheses(hypotheses)
         i = placed.index(pair[0])
         new = pair[1] not in placed
         if new:
             placed.append(pair[1])
         j, turns = placed.index(pair[1]), pair[1] not in static
         tried = [
-            appended(joint, i, h) if new else compared(joint, i, j, h, turns)
+            append_robot(joint, i, h) if new else update_with_pair(joint, i, j, h, turns)
             for joint in joints
             for h in _members(hypotheses)
         ]
@@ -68,7 +70,9 @@ def combine(ego: str, edges: Edges, static: frozenset[str]) -> tuple[tuple[str, 
     return tuple(placed), joints
 
 
-def _next_pair(placed: list[str], left: Edges, static: frozenset[str]) -> tuple[str, str] | None:
+def _next_pair(
+    placed: list[str], left: PairGraph, static: frozenset[str]
+) -> tuple[str, str] | None:
     """A pair of two placed robots, else the most certain one that places another."""
     both = [pair for pair in left if pair[0] in placed and pair[1] in placed]
     if len(both) > 0:
@@ -80,10 +84,10 @@ def _next_pair(placed: list[str], left: Edges, static: frozenset[str]) -> tuple[
     return max(one, key=lambda pair: float(left[pair].probability[0]), default=None)
 
 
-def _members(hypotheses: Hypotheses) -> list[Joint]:
+def _members(hypotheses: PairHypotheses) -> list[JointHypothesis]:
     """The Gaussians of a pair, one by one."""
     return [
-        Joint(float(np.log(p)), float(np.log(max(q, 1e-300))), mean, covariance)
+        JointHypothesis(float(np.log(p)), float(np.log(max(q, 1e-300))), mean, covariance)
         for p, q, mean, covariance in zip(
             hypotheses.probability,
             hypotheses.support,
@@ -94,40 +98,42 @@ def _members(hypotheses: Hypotheses) -> list[Joint]:
     ]
 
 
-def _likely(joints: list[Joint]) -> list[Joint]:
+def _likely(joints: list[JointHypothesis]) -> list[JointHypothesis]:
     """The most probable ones, the best first."""
     joints = sorted(joints, key=lambda joint: -joint.log_weight)
     weight = np.exp([joint.log_weight - joints[0].log_weight for joint in joints])
-    lost = float(weight[BEAM:].sum() / weight.sum())
+    lost = float(weight[MAX_JOINT_HYPOTHESES:].sum() / weight.sum())
     return [
         replace(joint, cut=1.0 - (1.0 - joint.cut) * (1.0 - lost))
-        for joint, w in zip(joints[:BEAM], weight[:BEAM], strict=True)
-        if w >= LEAST
+        for joint, w in zip(
+            joints[:MAX_JOINT_HYPOTHESES], weight[:MAX_JOINT_HYPOTHESES], strict=True
+        )
+        if w >= MIN_JOINT_PROBABILITY
     ]
 
 
-def inverted(hypotheses: Hypotheses) -> Hypotheses:
+def invert_hypotheses(hypotheses: PairHypotheses) -> PairHypotheses:
     """The pose of i in the frame of j from that of j in the frame of i."""
     mean = np.empty_like(hypotheses.mean)
     covariance = np.empty_like(hypotheses.covariance)
     for k, (pose, P) in enumerate(zip(hypotheses.mean, hypotheses.covariance, strict=True)):
         mean[k] = relative_pose(pose, np.zeros(3))
         F = np.zeros((3, 3))
-        F[:2, :2] = -rotation(-pose[2])
+        F[:2, :2] = -rotation_matrix(-pose[2])
         F[:2, 2] = mean[k, 1], -mean[k, 0]
         F[2, 2] = -1.0
         covariance[k] = F @ P @ F.T
     return replace(hypotheses, mean=mean, covariance=covariance)
 
 
-def appended(joint: Joint, i: int, h: Joint) -> Joint:
+def append_robot(joint: JointHypothesis, i: int, h: JointHypothesis) -> JointHypothesis:
     """A further robot, at the pose `h` (3,) as the placed robot i sees it."""
     n, base = len(joint.mean), joint.mean[i]
-    away = rotation(base[2]) @ h.mean[:2]
-    pose = np.array([*(base[:2] + away), float(wrap(base[2:] + h.mean[2:])[0])])
+    away = rotation_matrix(base[2]) @ h.mean[:2]
+    pose = np.array([*(base[:2] + away), float(wrap_angle(base[2:] + h.mean[2:])[0])])
     F, G = np.eye(3), np.eye(3)
     F[:2, 2] = -away[1], away[0]
-    G[:2, :2] = rotation(base[2])
+    G[:2, :2] = rotation_matrix(base[2])
     rows = np.zeros((3, 3 * n))
     rows[:, 3 * i : 3 * i + 3] = F
     cross = rows @ joint.covariance
@@ -142,7 +148,9 @@ def appended(joint: Joint, i: int, h: Joint) -> Joint:
     return replace(joint, log_weight=weight, log_support=support, mean=mean, covariance=covariance)
 
 
-def compared(joint: Joint, i: int, j: int, h: Joint, turns: bool) -> Joint:
+def update_with_pair(
+    joint: JointHypothesis, i: int, j: int, h: JointHypothesis, turns: bool
+) -> JointHypothesis:
     """Two placed robots of which a pair says that i sees j at `h` (3,): a Kalman update.
 
     Without `turns` j is static and only its place counts.
@@ -151,18 +159,18 @@ def compared(joint: Joint, i: int, j: int, h: Joint, turns: bool) -> Joint:
     base, pose = joint.mean[i], joint.mean[j]
     seen = relative_pose(base, pose)
     H = np.zeros((3, joint.mean.size))
-    H[:2, 3 * j : 3 * j + 2] = rotation(-base[2])
-    H[:2, 3 * i : 3 * i + 2] = -rotation(-base[2])
+    H[:2, 3 * j : 3 * j + 2] = rotation_matrix(-base[2])
+    H[:2, 3 * i : 3 * i + 2] = -rotation_matrix(-base[2])
     H[:2, 3 * i + 2] = seen[1], -seen[0]
     H[2, 3 * j + 2], H[2, 3 * i + 2] = 1.0, -1.0
     H = H[:size]
     r = (h.mean - seen)[:size]
     if turns:
-        r[2:] = wrap(r[2:])
+        r[2:] = wrap_angle(r[2:])
     S = H @ joint.covariance @ H.T + h.covariance[:size, :size]
     K = np.linalg.solve(S, H @ joint.covariance).T
     mean = joint.mean + (K @ r).reshape(-1, 3)
-    mean[:, 2] = wrap(mean[:, 2])
+    mean[:, 2] = wrap_angle(mean[:, 2])
     keep = np.eye(joint.mean.size) - K @ H
     covariance = keep @ joint.covariance @ keep.T + K @ h.covariance[:size, :size] @ K.T
     squared = float(r @ np.linalg.solve(S, r))

@@ -12,29 +12,29 @@ from dataclasses import dataclass
 import numpy as np
 
 from clt.core.recording import Floats, Indices
-from clt.initialization.pairwise.evidence import worth
-from clt.initialization.pairwise.likelihood import COST, LOG_DET, Pair
-from clt.initialization.pairwise.modes import REST, settle, spread_seeds
+from clt.initialization.pairwise.evidence import evidence_share
+from clt.initialization.pairwise.likelihood import COST, LOG_DET, PairRanges
+from clt.initialization.pairwise.modes import MAX_LEFT_OUT_SHARE, hypothesis_seeds, shift_to_peak
 from clt.initialization.pairwise.posterior import (
-    covariances,
-    divided,
+    cell_poses,
+    hypothesis_covariances,
     log_masses,
-    poses,
     relinearize,
+    split_cells,
 )
 
-NOTHING = 1e-7
+NEGLIGIBLE_SHARE = 1e-7
 """Share of the posterior that does not count at all."""
-HEAVY = 1e-3
+MIN_RELINEARIZED_SHARE = 1e-3
 """Share of a part of a cell from which it is worth a look of its own."""
-CERTAIN = 0.99
+UNIQUE_PROBABILITY = 0.99
 """Probability from which a solution is called unique."""
-SHARP = (0.3, 0.1)
+MAX_SHARP_SIGMAS = (0.3, 0.1)
 """Standard deviations of its position (m, in any direction) and heading (rad) at most."""
 
 
 @dataclass(frozen=True)
-class Hypotheses:
+class PairHypotheses:
     """What the ranges of a pair leave possible: pose of robot j in the body frame of robot i."""
 
     mean: Floats
@@ -48,7 +48,7 @@ class Hypotheses:
     cost: float
     """Squared residuals of the best solution, in units of their variance."""
     unique: bool
-    """One solution, as sure as CERTAIN and sharp enough to linearize a filter at."""
+    """One solution, as sure as UNIQUE_PROBABILITY and sharp enough to linearize a filter at."""
     complete: bool = True
     """The search was not cut off: nothing is missing."""
     left_out: int = 0
@@ -59,54 +59,58 @@ class Hypotheses:
     """The ranges scatter more than was told; the noise was believed that much larger."""
 
 
-def gather(
-    pair: Pair, cells: Floats, faked: float, turns: bool, complete: bool = True
-) -> Hypotheses:
+def gather_hypotheses(
+    pair: PairRanges, cells: Floats, faked: float, turns: bool, complete: bool = True
+) -> PairHypotheses:
     """Hypotheses from the cells (m, CELL) of a search, which odometry noise may fake to `faked`."""
-    cells = divided(cells, turns)
-    relinearize(pair, cells, np.flatnonzero(masses(cells) > HEAVY))
-    mass = masses(cells)
-    flat = level(cells, mass, faked)
-    some = flat > NOTHING
+    cells = split_cells(cells, turns)
+    relinearize(pair, cells, np.flatnonzero(cell_masses(cells) > MIN_RELINEARIZED_SHARE))
+    mass = cell_masses(cells)
+    flat = flattened_masses(cells, mass, faked)
+    some = flat > NEGLIGIBLE_SHARE
     cells, mass, flat = cells[some], mass[some] / mass[some].sum(), flat[some] / flat[some].sum()
-    seeds, nearest, parent = spread_seeds(pair, cells, flat, turns)
+    seeds, nearest, parent = hypothesis_seeds(pair, cells, flat, turns)
     posterior = np.asarray(np.bincount(nearest, mass, len(seeds)), np.float64)
     weight = fair_weights(pair, seeds, parent, posterior)
     order = np.lexsort((-posterior, -weight))
-    keep = order[np.cumsum(weight[order]) - weight[order] < 1.0 - REST]
+    keep = order[np.cumsum(weight[order]) - weight[order] < 1.0 - MAX_LEFT_OUT_SHARE]
     keep = keep[posterior[keep] > 0.0]
-    at, centers = poses(pair, cells), poses(pair, seeds[keep])
-    support = settle(at, mass, centers)
+    at, centers = cell_poses(pair, cells), cell_poses(pair, seeds[keep])
+    support = shift_to_peak(at, mass, centers)
     place = np.full(len(seeds), -1)
     place[keep] = np.arange(keep.size)
-    covariance = covariances(pair, cells, mass, at, place[nearest], centers)
+    covariance = hypothesis_covariances(pair, cells, mass, at, place[nearest], centers)
     probability = weight[keep] / weight[keep].sum()
-    unique = bool(complete and probability[0] >= CERTAIN and sharp(covariance[0], turns))
+    unique = bool(
+        complete and probability[0] >= UNIQUE_PROBABILITY and is_sharp(covariance[0], turns)
+    )
     cost = float(seeds[:, COST].min())
-    return Hypotheses(centers, covariance, probability, support, cost, unique, complete)
+    return PairHypotheses(centers, covariance, probability, support, cost, unique, complete)
 
 
-def masses(cells: Floats) -> Floats:
+def cell_masses(cells: Floats) -> Floats:
     """The posterior in every cell (m,)."""
     log_mass = log_masses(cells)
     mass = np.exp(log_mass - log_mass.max())
     return np.asarray(mass / mass.sum())
 
 
-def sharp(covariance: Floats, turns: bool) -> bool:
+def is_sharp(covariance: Floats, turns: bool) -> bool:
     """A covariance (3, 3) is narrow enough to stand for one pose."""
     place = float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
-    return place <= SHARP[0] and (not turns or float(np.sqrt(covariance[2, 2])) <= SHARP[1])
+    return place <= MAX_SHARP_SIGMAS[0] and (
+        not turns or float(np.sqrt(covariance[2, 2])) <= MAX_SHARP_SIGMAS[1]
+    )
 
 
-def level(cells: Floats, mass: Floats, faked: float) -> Floats:
+def flattened_masses(cells: Floats, mass: Floats, faked: float) -> Floats:
     """The posterior in cells (m,) as if costs within `faked` of the best were all the same."""
     above = cells[:, COST] - cells[:, COST].min()
     flat = mass * np.exp(0.5 * np.minimum(above, faked))
     return np.asarray(flat / flat.sum())
 
 
-def fair_weights(pair: Pair, seeds: Floats, parent: Indices, weight: Floats) -> Floats:
+def fair_weights(pair: PairRanges, seeds: Floats, parent: Indices, weight: Floats) -> Floats:
     """Weights (k,) without the evidence between solutions that odometry noise could have faked.
 
     At most a solution becomes as probable as the best: the order stays.
@@ -119,6 +123,6 @@ def fair_weights(pair: Pair, seeds: Floats, parent: Indices, weight: Floats) -> 
     for k in np.unique(parent):
         lost = max(explained[best] - explained[k], 0.0)
         most = np.log(highest[best]) - np.log(max(highest[k], 1e-300))
-        raised[k] = min((1.0 - worth(pair, seeds[best], seeds[k])) * lost, most)
+        raised[k] = min((1.0 - evidence_share(pair, seeds[best], seeds[k])) * lost, most)
     fair = weight * np.exp(raised[parent])
     return np.asarray(fair / fair.sum())

@@ -15,19 +15,19 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.core.recording import Floats
-from clt.jit.compiled import kernel, lean
+from clt.jit.compiled import compiled_noalloc, kernel
 
-FIELDS = 15
-"""Numbers that `weigh` tells about a direction."""
+COST_FIELDS = 15
+"""Numbers that `evaluate_cost` tells about a direction."""
 THETA, PHI, DISTANCE, COST, LOG_DET, VAR_D, G_THETA, G_PHI, H_TT, H_TP, H_PP = range(11)
-AT, BEYOND, D_THETA, D_PHI = range(11, FIELDS)
-NEAREST = 1e-3
+AT_DISTANCE, DISTANCE_STEP, D_THETA, D_PHI = range(11, COST_FIELDS)
+MIN_ANTENNA_DISTANCE = 1e-3
 """Two antennas are never closer, m."""
-SMALL, LARGE = 1e-200, 1e200
+MIN_PRODUCT, MAX_PRODUCT = 1e-200, 1e200
 """A product of variances beyond these goes on as a sum of logarithms."""
 
 
-class Pair(NamedTuple):
+class PairRanges(NamedTuple):
     """Ranges of robots i and j along their tracks, n of them."""
 
     z: Floats
@@ -48,9 +48,9 @@ class Pair(NamedTuple):
     """Of `a` with `b`."""
 
 
-@lean
-def weigh(
-    pair: Pair,
+@compiled_noalloc
+def evaluate_cost(
+    pair: PairRanges,
     theta: float,
     phi: float,
     d: float,
@@ -64,8 +64,8 @@ def weigh(
     """Weigh a direction and a turn (rad) with the best distance for them in low .. high (m).
 
     All is linearized at `d` (m), and W taken there. Variances are `more` (n,) larger than those of
-    the pair, m^2. `out` (FIELDS,) receives, all as the linearization promises: the best distance;
-    the cost r^T W^-1 r of the best one without bounds, which lies BEYOND AT and moves with theta
+    the pair, m^2. `out` (COST_FIELDS,) receives, all as the linearization promises: the best distance;
+    the cost r^T W^-1 r of the best one without bounds, which lies DISTANCE_STEP AT_DISTANCE and moves with theta
     and phi (D_THETA, D_PHI; m / rad); log det W; the variance of d; gradient and Hessian
     (Gauss-Newton, d gone) of half the cost. `L` (n, n) is left with the factor of W, `y` (n, 8)
     with residuals and derivatives by d, theta and phi, whitened, and with the lines of sight as
@@ -77,8 +77,8 @@ def weigh(
     residuals(pair, c, s, e_x, e_y, d, L, y)
     for k in range(n):
         L[k, k] += more[k]
-    log_det = factor(L, n)
-    forward(L, y, n, 4)
+    log_det = cholesky_factor(L, n)
+    forward_substitute(L, y, n, 4)
     rr, rd, dd, rt, rp, dt, dp, tt, tp, pp = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n):
         y_r, y_d, y_t, y_p = y[k, 0], y[k, 1], y[k, 2], y[k, 3]
@@ -97,13 +97,13 @@ def weigh(
     out[COST], out[LOG_DET], out[VAR_D] = rr - rd * rd / dd, log_det, 1.0 / dd
     out[G_THETA], out[G_PHI] = rt - rd * dt / dd, rp - rd * dp / dd
     out[H_TT], out[H_TP], out[H_PP] = tt - dt * dt / dd, tp - dt * dp / dd, pp - dp * dp / dd
-    out[AT], out[BEYOND] = d, rd / dd
+    out[AT_DISTANCE], out[DISTANCE_STEP] = d, rd / dd
     out[D_THETA], out[D_PHI] = -dt / dd, -dp / dd
 
 
-@lean
+@compiled_noalloc
 def residuals(
-    pair: Pair,
+    pair: PairRanges,
     c: float,
     s: float,
     e_x: float,
@@ -121,9 +121,9 @@ def residuals(
     for k in range(n):
         b_x, b_y = pair.b[k, 0] - pair.b[0, 0], pair.b[k, 1] - pair.b[0, 1]
         r_x, r_y = c * b_x - s * b_y, s * b_x + c * b_y
-        w_x, w_y = between(pair, k, c, s, d * e_x, d * e_y)
+        w_x, w_y = antenna_vector(pair, k, c, s, d * e_x, d * e_y)
         apart = np.sqrt(w_x * w_x + w_y * w_y)
-        if apart > NEAREST:
+        if apart > MIN_ANTENNA_DISTANCE:
             u_x, u_y = w_x / apart, w_y / apart
         else:
             u_x, u_y = e_x, e_y
@@ -151,8 +151,10 @@ def residuals(
         L[k, k] += own
 
 
-@lean
-def between(pair: Pair, k: int, c: float, s: float, q_x: float, q_y: float) -> tuple[float, float]:
+@compiled_noalloc
+def antenna_vector(
+    pair: PairRanges, k: int, c: float, s: float, q_x: float, q_y: float
+) -> tuple[float, float]:
     """w_k, from antenna to antenna at range k (m); cosine and sine of phi, and q of the first."""
     b_x, b_y = pair.b[k, 0] - pair.b[0, 0], pair.b[k, 1] - pair.b[0, 1]
     return (
@@ -161,30 +163,30 @@ def between(pair: Pair, k: int, c: float, s: float, q_x: float, q_y: float) -> t
     )
 
 
-@lean
-def scatter_across(pair: Pair, k: int, c: float, s: float, w_x: float, w_y: float) -> float:
+@compiled_noalloc
+def scatter_across(pair: PairRanges, k: int, c: float, s: float, w_x: float, w_y: float) -> float:
     """Variance of w_k across the line of sight while range k is taken, m^2."""
-    squared = max(w_x * w_x + w_y * w_y, NEAREST * NEAREST)
+    squared = max(w_x * w_x + w_y * w_y, MIN_ANTENNA_DISTANCE * MIN_ANTENNA_DISTANCE)
     n_x, n_y = -w_y, w_x
     m_x, m_y = c * n_x + s * n_y, -s * n_x + c * n_y
     return float(
         (
-            quadratic(pair.S_a[k], n_x, n_y, n_x, n_y)
-            + quadratic(pair.S_b[k], m_x, m_y, m_x, m_y)
-            - 2.0 * quadratic(pair.S_ab[k], n_x, n_y, m_x, m_y)
+            bilinear_form(pair.S_a[k], n_x, n_y, n_x, n_y)
+            + bilinear_form(pair.S_b[k], m_x, m_y, m_x, m_y)
+            - 2.0 * bilinear_form(pair.S_ab[k], n_x, n_y, m_x, m_y)
         )
         / squared
     )
 
 
-@lean
-def quadratic(S: Floats, a_x: float, a_y: float, b_x: float, b_y: float) -> float:
+@compiled_noalloc
+def bilinear_form(S: Floats, a_x: float, a_y: float, b_x: float, b_y: float) -> float:
     """a^T S b."""
     return float(a_x * (S[0, 0] * b_x + S[0, 1] * b_y) + a_y * (S[1, 0] * b_x + S[1, 1] * b_y))
 
 
-@lean
-def factor(L: Floats, n: int) -> float:
+@compiled_noalloc
+def cholesky_factor(L: Floats, n: int) -> float:
     """Cholesky factor of the matrix in the lower triangle, in place; log of its determinant.
 
     The diagonal is left inverted: solves multiply instead of dividing.
@@ -197,7 +199,7 @@ def factor(L: Floats, n: int) -> float:
             total -= L[j, k] * L[j, k]
         L[j, j] = 1.0 / math.sqrt(total)
         det *= total
-        if det < SMALL or det > LARGE:
+        if det < MIN_PRODUCT or det > MAX_PRODUCT:
             det, log_det = 1.0, log_det + math.log(det)
         for i in range(j + 1, n):
             total = L[i, j]
@@ -207,8 +209,8 @@ def factor(L: Floats, n: int) -> float:
     return log_det + math.log(det)
 
 
-@lean
-def forward(L: Floats, y: Floats, n: int, columns: int) -> None:
+@compiled_noalloc
+def forward_substitute(L: Floats, y: Floats, n: int, columns: int) -> None:
     """Solve L x = y in place for the first columns."""
     for i in range(n):
         for k in range(i):
@@ -218,15 +220,15 @@ def forward(L: Floats, y: Floats, n: int, columns: int) -> None:
             y[i, j] *= L[i, i]
 
 
-@lean
-def attained(out: Floats) -> float:
-    """r^T W^-1 r at the distance AT, as `weigh` told it."""
-    return float(out[COST] + out[BEYOND] * out[BEYOND] / out[VAR_D])
+@compiled_noalloc
+def attained_cost(out: Floats) -> float:
+    """r^T W^-1 r at the distance AT_DISTANCE, as `evaluate_cost` told it."""
+    return float(out[COST] + out[DISTANCE_STEP] * out[DISTANCE_STEP] / out[VAR_D])
 
 
 @kernel
-def descend(
-    pair: Pair,
+def fit_relative_pose(
+    pair: PairRanges,
     theta: float,
     phi: float,
     d: float,
@@ -235,13 +237,24 @@ def descend(
     y: Floats,
     out: Floats,
 ) -> bool:
-    """Iterative weighted least squares from a pose; the last accepted `weigh` in `out`.
+    """Iterative weighted least squares from a pose; the last accepted `evaluate_cost` in `out`.
 
     Gauss-Newton with Levenberg's damping where a step does not help; W follows the pose. False
     where it has not converged. `L` and `y` may be those of a step that was refused.
     """
-    ahead, none = np.empty(FIELDS), np.zeros(pair.z.size)
-    weigh(pair, theta, phi, max(d, NEAREST), NEAREST, np.inf, none, L, y, out)
+    ahead, none = np.empty(COST_FIELDS), np.zeros(pair.z.size)
+    evaluate_cost(
+        pair,
+        theta,
+        phi,
+        max(d, MIN_ANTENNA_DISTANCE),
+        MIN_ANTENNA_DISTANCE,
+        np.inf,
+        none,
+        L,
+        y,
+        out,
+    )
     damping = 1e-9
     for _ in range(60):
         scale = out[H_TT] + out[H_PP] + 1e-12
@@ -255,12 +268,17 @@ def descend(
         longest = max(abs(step_t), abs(step_p))
         if longest > 0.3:
             step_t, step_p = 0.3 * step_t / longest, 0.3 * step_p / longest
-        step_d = (out[BEYOND] + out[D_THETA] * step_t + out[D_PHI] * step_p) / (1.0 + damping)
-        d = min(max(out[AT] + step_d, 0.3 * out[AT], NEAREST), 3.0 * out[AT])
-        gained = step_t * out[G_THETA] + step_p * out[G_PHI] + out[BEYOND] ** 2 / out[VAR_D]
+        step_d = (out[DISTANCE_STEP] + out[D_THETA] * step_t + out[D_PHI] * step_p) / (
+            1.0 + damping
+        )
+        d = min(
+            max(out[AT_DISTANCE] + step_d, 0.3 * out[AT_DISTANCE], MIN_ANTENNA_DISTANCE),
+            3.0 * out[AT_DISTANCE],
+        )
+        gained = step_t * out[G_THETA] + step_p * out[G_PHI] + out[DISTANCE_STEP] ** 2 / out[VAR_D]
         theta, phi = out[THETA] + step_t, out[PHI] + step_p
-        weigh(pair, theta, phi, d, NEAREST, np.inf, none, L, y, ahead)
-        if attained(ahead) <= attained(out) + 1e-9:
+        evaluate_cost(pair, theta, phi, d, MIN_ANTENNA_DISTANCE, np.inf, none, L, y, ahead)
+        if attained_cost(ahead) <= attained_cost(out) + 1e-9:
             out[:] = ahead
             damping = max(0.1 * damping, 1e-9)
             if longest < 1e-9 or gained < 1e-10:

@@ -16,117 +16,131 @@ import numpy as np
 
 from clt.core.recording import Floats
 from clt.initialization.pairwise.likelihood import (
-    AT,
-    BEYOND,
+    AT_DISTANCE,
     COST,
     D_PHI,
     D_THETA,
+    DISTANCE_STEP,
     G_PHI,
     G_THETA,
     H_PP,
     H_TP,
     H_TT,
-    NEAREST,
+    MIN_ANTENNA_DISTANCE,
     VAR_D,
-    Pair,
+    PairRanges,
 )
 from clt.initialization.pairwise.taylor_bounds import (
     DD,
-    GROWTH,
     PD,
     PP,
     SCATTER,
-    SPREAD,
     TD,
     TINY,
     TP,
     TT,
-    Work,
-    higher,
-    prepare,
-    pull,
-    size,
+    VARIANCE_GROWTH,
+    VARIANCE_OF_X,
+    BoundWorkspace,
+    add_track_variance,
+    frobenius_norm,
+    higher_orders,
+    prepare_bound,
 )
-from clt.jit.compiled import lean
+from clt.jit.compiled import compiled_noalloc
 
-PART, FURTHER = 3.5, 1.3
+FIRST_PART_SIGMAS, PART_GROWTH = 3.5, 1.3
 """The innermost part of the distances ends so many standard deviations from the best one; each
 further part so many times farther out."""
 
 
-@lean
-def nearest_farthest(pair: Pair, sizes: Floats, cost: float) -> tuple[float, float]:
+@compiled_noalloc
+def distance_limits(pair: PairRanges, sizes: Floats, cost: float) -> tuple[float, float]:
     """Distances (m) between which the first range alone keeps every pose of at most this cost.
 
     r^T W^-1 r >= r_0^2 / W_00 for every covariance W.
     """
     scatter = sizes[0, SCATTER]
-    variance = pair.variance[0] + 0.5 * scatter + size(pair.P_a[0, 0]) + size(pair.P_b[0, 0])
+    variance = (
+        pair.variance[0]
+        + 0.5 * scatter
+        + frobenius_norm(pair.P_a[0, 0])
+        + frobenius_norm(pair.P_b[0, 0])
+    )
     off = np.sqrt(cost * variance)
-    low = max(pair.z[0] - off - np.sqrt(scatter), NEAREST)
+    low = max(pair.z[0] - off - np.sqrt(scatter), MIN_ANTENNA_DISTANCE)
     return low, max(pair.z[0] + off, low)
 
 
-@lean
-def excluded(
-    pair: Pair, work: Work, h_t: float, h_p: float, low: float, high: float, most: float
+@compiled_noalloc
+def excluded_distance(
+    pair: PairRanges,
+    work: BoundWorkspace,
+    h_t: float,
+    h_p: float,
+    low: float,
+    high: float,
+    most: float,
 ) -> float:
     """How far from the best distance (m) the cost is above `most` everywhere in a cell.
 
     Infinite where that holds for the whole cell, 0 where not even at the best distance. The cell
-    holds what lies within h_t of theta and h_p of phi (rad) of the center that `weigh` has just
+    holds what lies within h_t of theta and h_p of phi (rad) of the center that `evaluate_cost` has just
     told `work` of, at distances low .. high (m).
     """
     out = work.out
     t, p = best_in_box(out, h_t, h_p)
-    if promised(out, t, p, low, high) <= most:
+    if linearized_cost(out, t, p, low, high) <= most:
         return 0.0
-    best = best_distance(out, low, high) - out[AT]
-    low, high = low - out[AT], high - out[AT]
-    step = min(max(out[BEYOND] + out[D_THETA] * t + out[D_PHI] * p, low), high)
-    prepare(pair, work, step, t, p)
-    pull(pair, work.g, work.sums)
-    inner, outer = 0.0, PART * np.sqrt(out[VAR_D])
-    further = FURTHER * FURTHER * FURTHER
+    best = best_distance(out, low, high) - out[AT_DISTANCE]
+    low, high = low - out[AT_DISTANCE], high - out[AT_DISTANCE]
+    step = min(max(out[DISTANCE_STEP] + out[D_THETA] * t + out[D_PHI] * p, low), high)
+    prepare_bound(pair, work, step, t, p)
+    add_track_variance(pair, work.g, work.sums)
+    inner, outer = 0.0, FIRST_PART_SIGMAS * np.sqrt(out[VAR_D])
+    further = PART_GROWTH * PART_GROWTH * PART_GROWTH
     while True:
         near, far = max(low, best - outer), min(high, best + outer)
         if inner == 0.0:
-            if not above(pair, work, h_t, h_p, near, far, 0.0, most):
+            if not cost_exceeds(pair, work, h_t, h_p, near, far, 0.0, most):
                 return 0.0
         else:
             left, right = best - inner, best + inner
             if not (
-                (left <= near or above(pair, work, h_t, h_p, near, left, left - step, most))
-                and (right >= far or above(pair, work, h_t, h_p, right, far, right - step, most))
+                (left <= near or cost_exceeds(pair, work, h_t, h_p, near, left, left - step, most))
+                and (
+                    right >= far
+                    or cost_exceeds(pair, work, h_t, h_p, right, far, right - step, most)
+                )
             ):
-                if further == FURTHER:
+                if further == PART_GROWTH:
                     return float(inner)
-                outer, further = FURTHER * inner, FURTHER
+                outer, further = PART_GROWTH * inner, PART_GROWTH
                 continue
         if near <= low and far >= high:
             return np.inf
         inner, outer = outer, further * outer
 
 
-@lean
-def promised(out: Floats, t: float, p: float, low: float, high: float) -> float:
+@compiled_noalloc
+def linearized_cost(out: Floats, t: float, p: float, low: float, high: float) -> float:
     """The linearized cost t and p (rad) from the center, at the best of distances low .. high (m).
 
     At the best place of a cell a bound can hardly be above it.
     """
-    d = out[BEYOND] + out[D_THETA] * t + out[D_PHI] * p
-    off = d - min(max(d, low - out[AT]), high - out[AT])
+    d = out[DISTANCE_STEP] + out[D_THETA] * t + out[D_PHI] * p
+    off = d - min(max(d, low - out[AT_DISTANCE]), high - out[AT_DISTANCE])
     cost = out[COST] + out[H_TT] * t * t + 2.0 * out[H_TP] * t * p + out[H_PP] * p * p
     return float(cost - 2.0 * (out[G_THETA] * t + out[G_PHI] * p) + off * off / out[VAR_D])
 
 
-@lean
+@compiled_noalloc
 def best_distance(out: Floats, low: float, high: float) -> float:
     """That of the linearized cost, m."""
-    return float(min(max(out[AT] + out[BEYOND], low), high))
+    return float(min(max(out[AT_DISTANCE] + out[DISTANCE_STEP], low), high))
 
 
-@lean
+@compiled_noalloc
 def best_in_box(out: Floats, h_theta: float, h_phi: float) -> tuple[float, float]:
     """Where the linearized cost is least within a cell: c - 2 g^T x + x^T H x in a box, rad."""
     g_t, g_p, h_tt, h_tp, h_pp = out[G_THETA], out[G_PHI], out[H_TT], out[H_TP], out[H_PP]
@@ -150,11 +164,18 @@ def best_in_box(out: Floats, h_theta: float, h_phi: float) -> tuple[float, float
     return best_t, best_p
 
 
-@lean
-def above(
-    pair: Pair, work: Work, h_t: float, h_p: float, near: float, far: float, s: float, most: float
+@compiled_noalloc
+def cost_exceeds(
+    pair: PairRanges,
+    work: BoundWorkspace,
+    h_t: float,
+    h_p: float,
+    near: float,
+    far: float,
+    s: float,
+    most: float,
 ) -> bool:
-    """Whether the cost is above `most` within a cell, at distances near .. far (m) from AT.
+    """Whether the cost is above `most` within a cell, at distances near .. far (m) from AT_DISTANCE.
 
     x is that of a step of s (m) more than it was prepared for.
     """
@@ -162,7 +183,9 @@ def above(
     told_d = sums[0, 1] + s * sums[1, 1]
     told = sums[0, 0] + s * sums[1, 0] - max(told_d * near, told_d * far)
     told -= abs(sums[0, 2] + s * sums[1, 2]) * h_t + abs(sums[0, 3] + s * sums[1, 3]) * h_p
-    spread = sums[0, SPREAD] + s * (sums[0, SPREAD + 1] + s * sums[0, SPREAD + 2])
+    spread = sums[0, VARIANCE_OF_X] + s * (
+        sums[0, VARIANCE_OF_X + 1] + s * sums[0, VARIANCE_OF_X + 2]
+    )
     if told <= 0.0 or told * told <= most * spread:
         return False
     h_d = max(-near, far)
@@ -173,13 +196,13 @@ def above(
     told -= abs(sums[0, TD] + s * sums[1, TD]) * h_t * h_d
     told -= abs(sums[0, PD] + s * sums[1, PD]) * h_p * h_d
     for i in range(3):
-        at = GROWTH + 3 * i
+        at = VARIANCE_GROWTH + 3 * i
         growth = sums[0, at] + s * (sums[0, at + 1] + s * sums[0, at + 2])
         spread += abs(growth) * (h_t if i == 0 else h_p if i == 1 else h_d)
     if told <= 0.0 or told * told <= most * spread:
         return False
     for k in range(pair.z.size):
-        less, more = higher(work, k, h_t, h_p, h_d, s)
+        less, more = higher_orders(work, k, h_t, h_p, h_d, s)
         told -= less
         spread += more
     return bool(told > 0.0 and told * told > most * spread)

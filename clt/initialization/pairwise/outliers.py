@@ -3,7 +3,7 @@
 Where no pose explains all ranges, poses are sought that explain most. A few ranges, drawn again and
 again, lead to some poses each (random sample consensus, Fischler and Bolles 1981), from which
 least squares are solved with the ranges that fit best. Those that are left out may be anywhere in
-SPAN; that tells how probable each explanation is.
+OUTLIER_SPAN_M; that tells how probable each explanation is.
 """
 
 from __future__ import annotations
@@ -14,44 +14,44 @@ from dataclasses import dataclass
 import numpy as np
 
 from clt.core.recording import Floats, Indices
-from clt.initialization.pairwise.branch_and_bound import chosen, descents
+from clt.initialization.pairwise.branch_and_bound import descend_from_all_sides, pair_subset
 from clt.initialization.pairwise.likelihood import (
-    AT,
+    AT_DISTANCE,
     LOG_DET,
-    NEAREST,
+    MIN_ANTENNA_DISTANCE,
     PHI,
     THETA,
-    Pair,
-    attained,
-    descend,
-    weigh,
+    PairRanges,
+    attained_cost,
+    evaluate_cost,
+    fit_relative_pose,
 )
-from clt.initialization.pairwise.taylor_bounds import Work, work_for
+from clt.initialization.pairwise.taylor_bounds import BoundWorkspace, make_bound_workspace
 from clt.jit.compiled import kernel
 
-MISFIT = 3.0
+MAX_EXCESS_SIGMAS = 3.0
 """Standard deviations by which squared residuals may exceed their noise to be believed."""
-WILD = 5
+RANGES_PER_OUTLIER = 5
 """One range in as many may be wild ..."""
-OFF = 6.0
+MIN_OUTLIER_SIGMAS = 6.0
 """... and is off by at least so many standard deviations: noise that is merely larger is not."""
-RARE = 0.05
+OUTLIER_PROBABILITY = 0.05
 """Probability that a range is wild, before all."""
-SPAN = 10.0
+OUTLIER_SPAN_M = 10.0
 """Wild ranges may be anywhere within so much, m."""
-DRAWS = 100
+RANSAC_SAMPLES = 100
 """Samples of ranges that are drawn ..."""
-SAMPLE = 7
+RANSAC_SAMPLE_SIZE = 7
 """... and how many ranges there are in each."""
-SAME = (0.3, 0.2)
+SAME_CANDIDATE_LIMITS = (0.3, 0.2)
 """Poses that differ by less (m, rad) lead to the same explanation ..."""
-CLOSE = (0.15, 0.1)
+SAME_EXPLANATION_LIMITS = (0.15, 0.1)
 """... and explanations whose poses do are no rivals."""
-TRIMS = 3
+TRIM_ROUNDS = 3
 """How often the ranges that fit best are chosen anew."""
-MOST = 32
+MAX_CANDIDATE_POSES = 32
 """Poses from which an explanation is sought."""
-SURE = 0.99
+SOLE_EXPLANATION_PROBABILITY = 0.99
 """Probability from which an explanation counts as the only one."""
 
 
@@ -65,112 +65,139 @@ class Explanation:
     cost: float
     """Squared residuals of these ranges in units of their variance."""
     log_likelihood: float
-    """Of all ranges, see `solved`."""
+    """Of all ranges, see `fit_explanation`."""
 
 
-def bound(count: int) -> float:
+def chi_square_limit(count: int) -> float:
     """What the squares of so many numbers, in units of their variance, may add up to."""
-    return count + MISFIT * float(np.sqrt(2.0 * count))
+    return count + MAX_EXCESS_SIGMAS * float(np.sqrt(2.0 * count))
 
 
-def spare(n: int, turns: bool) -> int:
+def degrees_of_freedom(n: int, turns: bool) -> int:
     """How many of n ranges are more than a pose has unknowns."""
     return n - (3 if turns else 2)
 
 
-def noise(n: int, turns: bool) -> float:
+def noise_cost_limit(n: int, turns: bool) -> float:
     """What n squared residuals of a best pose (in units of their variance) may come to as noise.
 
     Also those of as few as a pose can follow: where they contradict each other no pose explains
     them.
     """
-    left = spare(n, turns)
-    return bound(left) if left > 0 else MISFIT * MISFIT
+    left = degrees_of_freedom(n, turns)
+    return chi_square_limit(left) if left > 0 else MAX_EXCESS_SIGMAS * MAX_EXCESS_SIGMAS
 
 
-def without_wild(pair: Pair, turns: bool, cost: float) -> tuple[Pair, bool] | None:
+def without_outliers(pair: PairRanges, turns: bool, cost: float) -> tuple[PairRanges, bool] | None:
     """A pair, whose best pose costs so much, without its wild ranges, and whether that is sure.
 
     Not sure where other poses explain as much with other ranges; those that do with the same ones
-    are another matter, see `Hypotheses.unique`. None where some pose explains all, where one wild
-    range in WILD does not explain it, where they are not OFF, or too few are left to tell.
+    are another matter, see `PairHypotheses.unique`. None where some pose explains all, where one wild
+    range in RANGES_PER_OUTLIER does not explain it, where they are not MIN_OUTLIER_SIGMAS, or too few are left to tell.
     """
     n = pair.z.size
-    sought = [explained(pair, pose, turns) for pose in candidates(pair, turns)]
-    found = [one for one in sought if one is not None and spare(one.rows.size, turns) > 1]
+    sought = [explain_ranges(pair, pose, turns) for pose in candidate_poses(pair, turns)]
+    found = [
+        one for one in sought if one is not None and degrees_of_freedom(one.rows.size, turns) > 1
+    ]
     whole = any(one.rows.size == n for one in found)
-    found = [one for one in found if cost - one.cost >= OFF * OFF * (n - one.rows.size)]
+    found = [
+        one
+        for one in found
+        if cost - one.cost >= MIN_OUTLIER_SIGMAS * MIN_OUTLIER_SIGMAS * (n - one.rows.size)
+    ]
     if whole or len(found) == 0:
         return None
     best = max(found, key=lambda one: one.log_likelihood)
     rivals = {
         one.rows.tobytes(): one.log_likelihood
         for one in found
-        if not (alike(one.pose, best.pose, CLOSE) or np.array_equal(one.rows, best.rows))
+        if not (
+            poses_within(one.pose, best.pose, SAME_EXPLANATION_LIMITS)
+            or np.array_equal(one.rows, best.rows)
+        )
     }
     against = float(np.exp(np.array(list(rivals.values())) - best.log_likelihood).sum())
-    return chosen(pair, best.rows), 1.0 / (1.0 + against) >= SURE
+    return pair_subset(pair, best.rows), 1.0 / (1.0 + against) >= SOLE_EXPLANATION_PROBABILITY
 
 
-def candidates(pair: Pair, turns: bool) -> list[Floats]:
+def candidate_poses(pair: PairRanges, turns: bool) -> list[Floats]:
     """Poses (3,) to which a few ranges lead, those first that explain most of all ranges best."""
     n = pair.z.size
-    draw, kept, work = np.random.default_rng(n), n - n // WILD, work_for(pair)
+    draw, kept, work = (
+        np.random.default_rng(n),
+        n - n // RANGES_PER_OUTLIER,
+        make_bound_workspace(pair),
+    )
     poses, worst = [], []
-    for _ in range(DRAWS if kept < n else 0):
-        some = chosen(pair, np.sort(draw.choice(n, min(SAMPLE, kept), replace=False)))
-        for _, theta, phi, d in descents(some, some, turns, work_for(some)).tolist():
-            pose = pose_of(some, theta, phi, d)
+    for _ in range(RANSAC_SAMPLES if kept < n else 0):
+        some = pair_subset(
+            pair, np.sort(draw.choice(n, min(RANSAC_SAMPLE_SIZE, kept), replace=False))
+        )
+        for _, theta, phi, d in descend_from_all_sides(
+            some, some, turns, make_bound_workspace(some)
+        ).tolist():
+            pose = polar_to_pose(some, theta, phi, d)
             poses.append(pose)
-            worst.append(np.sort(misfits(pair, *polar(pair, pose), work))[kept - 1])
+            worst.append(
+                np.sort(normalized_residuals(pair, *pose_to_polar(pair, pose), work))[kept - 1]
+            )
     found: list[Floats] = []
     for k in np.argsort(worst).tolist():
-        if len(found) < MOST and not any(alike(poses[k], other, SAME) for other in found):
+        if len(found) < MAX_CANDIDATE_POSES and not any(
+            poses_within(poses[k], other, SAME_CANDIDATE_LIMITS) for other in found
+        ):
             found.append(poses[k])
     return found
 
 
-def explained(pair: Pair, pose: Floats, turns: bool) -> Explanation | None:
-    """The pose nearby to which as many ranges fit as can, if all but one in WILD do.
+def explain_ranges(pair: PairRanges, pose: Floats, turns: bool) -> Explanation | None:
+    """The pose nearby to which as many ranges fit as can, if all but one in RANGES_PER_OUTLIER do.
 
     Least trimmed squares (Rousseeuw and Van Driessen 2006): the ranges that fit best tell the pose,
     and that again which fit best. The others are then taken back one by one.
     """
     n = pair.z.size
-    kept, work = n - n // WILD, work_for(pair)
-    for _ in range(TRIMS):
-        order = np.argsort(misfits(pair, *polar(pair, pose), work))
-        pose = solved(pair, np.sort(order[:kept]), pose, turns).pose
+    kept, work = n - n // RANGES_PER_OUTLIER, make_bound_workspace(pair)
+    for _ in range(TRIM_ROUNDS):
+        order = np.argsort(normalized_residuals(pair, *pose_to_polar(pair, pose), work))
+        pose = fit_explanation(pair, np.sort(order[:kept]), pose, turns).pose
     best = None
     for count in range(kept, n + 1):
-        found = solved(pair, np.sort(order[:count]), pose, turns)
-        if found.cost > noise(count, turns):
+        found = fit_explanation(pair, np.sort(order[:count]), pose, turns)
+        if found.cost > noise_cost_limit(count, turns):
             break
         best, pose = found, found.pose
     return best
 
 
-def solved(pair: Pair, rows: Indices, pose: Floats, turns: bool) -> Explanation:
+def fit_explanation(pair: PairRanges, rows: Indices, pose: Floats, turns: bool) -> Explanation:
     """Least squares by some ranges of a pair from a pose on, and how probable their choice is.
 
-    The likelihood is that of the ranges that are kept, times RARE / SPAN for each other one.
+    The likelihood is that of the ranges that are kept, times OUTLIER_PROBABILITY / OUTLIER_SPAN_M for each other one.
     """
-    some = chosen(pair, rows)
-    work, kept = work_for(some), rows.size
+    some = pair_subset(pair, rows)
+    work, kept = make_bound_workspace(some), rows.size
     out = work.out
-    descend(some, *polar(some, pose), turns, work.L, work.y, out)
-    cost = attained(out)
-    log_likelihood = -0.5 * (cost + out[LOG_DET]) + (pair.z.size - kept) * np.log(RARE / SPAN)
-    log_likelihood += kept * (np.log(1.0 - RARE) - 0.5 * np.log(2.0 * np.pi))
-    return Explanation(rows, pose_of(some, out[THETA], out[PHI], out[AT]), cost, log_likelihood)
+    fit_relative_pose(some, *pose_to_polar(some, pose), turns, work.L, work.y, out)
+    cost = attained_cost(out)
+    log_likelihood = -0.5 * (cost + out[LOG_DET]) + (pair.z.size - kept) * np.log(
+        OUTLIER_PROBABILITY / OUTLIER_SPAN_M
+    )
+    log_likelihood += kept * (np.log(1.0 - OUTLIER_PROBABILITY) - 0.5 * np.log(2.0 * np.pi))
+    return Explanation(
+        rows, polar_to_pose(some, out[THETA], out[PHI], out[AT_DISTANCE]), cost, log_likelihood
+    )
 
 
 @kernel
-def misfits(pair: Pair, theta: float, phi: float, d: float, work: Work) -> Floats:
+def normalized_residuals(
+    pair: PairRanges, theta: float, phi: float, d: float, work: BoundWorkspace
+) -> Floats:
     """Residual of each range (n,) at a pose in standard deviations, each by itself."""
     n = pair.z.size
     L, y, none = work.L, work.y, np.zeros(n)
-    weigh(pair, theta, phi, d, 0.0, np.inf, none, L, y, work.out)
+    evaluate_cost(pair, theta, phi, d, 0.0, np.inf, none, L, y, work.out)
     misfit = np.empty(n)
     for i in range(n):
         # W = L L^T, L left with its diagonal inverted, and L^-1 r.
@@ -183,24 +210,24 @@ def misfits(pair: Pair, theta: float, phi: float, d: float, work: Work) -> Float
     return misfit
 
 
-def polar(pair: Pair, pose: Floats) -> tuple[float, float, float]:
+def pose_to_polar(pair: PairRanges, pose: Floats) -> tuple[float, float, float]:
     """Direction (rad), turn (rad) and distance (m) between the antennas at a pair's first range."""
     x, y, phi = (float(value) for value in pose)
     c, s = math.cos(phi), math.sin(phi)
     x += c * pair.b[0, 0] - s * pair.b[0, 1] - pair.a[0, 0]
     y += s * pair.b[0, 0] + c * pair.b[0, 1] - pair.a[0, 1]
-    return math.atan2(y, x), phi, max(math.hypot(x, y), NEAREST)
+    return math.atan2(y, x), phi, max(math.hypot(x, y), MIN_ANTENNA_DISTANCE)
 
 
-def pose_of(pair: Pair, theta: float, phi: float, d: float) -> Floats:
-    """The pose (3,) that `polar` tells of."""
+def polar_to_pose(pair: PairRanges, theta: float, phi: float, d: float) -> Floats:
+    """The pose (3,) that `pose_to_polar` tells of."""
     c, s = math.cos(phi), math.sin(phi)
     x = d * math.cos(theta) - c * pair.b[0, 0] + s * pair.b[0, 1] + pair.a[0, 0]
     y = d * math.sin(theta) - s * pair.b[0, 0] - c * pair.b[0, 1] + pair.a[0, 1]
     return np.array([x, y, math.remainder(phi, math.tau)])
 
 
-def alike(a: Floats, b: Floats, within: tuple[float, float]) -> bool:
+def poses_within(a: Floats, b: Floats, within: tuple[float, float]) -> bool:
     """Whether two poses (3,) differ by less (m, rad)."""
     turned = abs(math.remainder(a[2] - b[2], math.tau))
     return bool(math.hypot(a[0] - b[0], a[1] - b[1]) < within[0] and turned < within[1])

@@ -14,92 +14,112 @@ import numpy as np
 
 from clt.core.recording import Floats
 from clt.initialization.pairwise.likelihood import (
-    AT,
-    FIELDS,
-    NEAREST,
+    AT_DISTANCE,
+    COST_FIELDS,
+    MIN_ANTENNA_DISTANCE,
     PHI,
     THETA,
-    Pair,
-    between,
+    PairRanges,
+    antenna_vector,
     scatter_across,
 )
-from clt.jit.compiled import kernel, lean
+from clt.jit.compiled import compiled_noalloc, kernel
 
-INNER = 0.5
+INNER_PART_M = 0.5
 """About what distances are in the innermost part, m."""
 TINY = 1e-300
-SIZES = 7
-ARM, ROW_A, ROW_B, SIZE_A, SIZE_B, SIZE_AB, SCATTER = range(SIZES)
-X, MORE, APART, ACROSS, RANGE, U, V, TURN, PULL_A, PULL_B = 0, 1, 2, 3, 4, 5, 7, 9, 12, 14
-PLACES = 16
+SIZE_FIELDS = 7
+ARM, ROW_A, ROW_B, SIZE_A, SIZE_B, SIZE_AB, SCATTER = range(SIZE_FIELDS)
+(
+    G_X,
+    G_X_STEP,
+    G_DISTANCE,
+    G_SCATTER,
+    G_RANGE,
+    G_SIGHT_A,
+    G_SIGHT_B,
+    G_SIGHT_TURN,
+    G_NORM_A,
+    G_NORM_B,
+) = 0, 1, 2, 3, 4, 5, 7, 9, 12, 14
+G_FIELDS = 16
 """Numbers of a range in one cell."""
-TT, TP, PP, TD, PD, DD, SPREAD, GROWTH = 4, 5, 6, 7, 8, 9, 10, 13
-SUMS = 22
+TT, TP, PP, TD, PD, DD, VARIANCE_OF_X, VARIANCE_GROWTH = 4, 5, 6, 7, 8, 9, 10, 13
+SUM_FIELDS = 22
 
 
-class Work(NamedTuple):
-    """Memory of one search, and what `weigh` has told last."""
+class BoundWorkspace(NamedTuple):
+    """Memory of one search, and what `evaluate_cost` has told last."""
 
     L: Floats
     """(n, n), factor of W."""
     y: Floats
     """(n, 8), whitened residuals and derivatives, lines of sight."""
     out: Floats
-    """(FIELDS,)."""
+    """(COST_FIELDS,)."""
     more: Floats
-    """(n,), m^2, see `uncertain`."""
+    """(n,), m^2, see `set_added_variances`."""
     g: Floats
-    """(n, PLACES)."""
+    """(n, G_FIELDS)."""
     sums: Floats
-    """(2, SUMS)."""
+    """(2, SUM_FIELDS)."""
     sizes: Floats
-    """(n, SIZES), see `sizes_of`."""
+    """(n, SIZE_FIELDS), see `bound_sizes`."""
 
 
 @kernel
-def work_for(pair: Pair) -> Work:
+def make_bound_workspace(pair: PairRanges) -> BoundWorkspace:
     """Memory for a pair."""
     n = pair.z.size
-    return Work(
+    return BoundWorkspace(
         np.empty((n, n)),
         np.empty((n, 8)),
-        np.empty(FIELDS),
+        np.empty(COST_FIELDS),
         np.empty(n),
-        np.empty((n, PLACES)),
-        np.empty((2, SUMS)),
-        sizes_of(pair),
+        np.empty((n, G_FIELDS)),
+        np.empty((2, SUM_FIELDS)),
+        bound_sizes(pair),
     )
 
 
 @kernel
-def sizes_of(pair: Pair) -> Floats:
-    """What the bound needs of every range, (n, SIZES).
+def bound_sizes(pair: PairRanges) -> Floats:
+    """What the bound needs of every range, (n, SIZE_FIELDS).
 
     The way of robot j since the first range (m); sums over the rows of P_a and P_b of the blocks'
     norms, and norms of S_a, S_b and S_ab (m^2, Frobenius).
     """
     n = pair.z.size
-    sizes = np.zeros((n, SIZES))
+    sizes = np.zeros((n, SIZE_FIELDS))
     for k in range(n):
         sizes[k, ARM] = np.hypot(pair.b[k, 0] - pair.b[0, 0], pair.b[k, 1] - pair.b[0, 1])
         for m in range(n):
-            sizes[k, ROW_A] += size(pair.P_a[k, m])
-            sizes[k, ROW_B] += size(pair.P_b[k, m])
-        sizes[k, SIZE_A], sizes[k, SIZE_B] = size(pair.S_a[k]), size(pair.S_b[k])
-        sizes[k, SIZE_AB] = size(pair.S_ab[k])
+            sizes[k, ROW_A] += frobenius_norm(pair.P_a[k, m])
+            sizes[k, ROW_B] += frobenius_norm(pair.P_b[k, m])
+        sizes[k, SIZE_A], sizes[k, SIZE_B] = (
+            frobenius_norm(pair.S_a[k]),
+            frobenius_norm(pair.S_b[k]),
+        )
+        sizes[k, SIZE_AB] = frobenius_norm(pair.S_ab[k])
         sizes[k, SCATTER] = sizes[k, SIZE_A] + sizes[k, SIZE_B] + 2.0 * sizes[k, SIZE_AB]
     return sizes
 
 
-@lean
-def size(S: Floats) -> float:
+@compiled_noalloc
+def frobenius_norm(S: Floats) -> float:
     """Frobenius norm of a matrix (2, 2)."""
     return float(np.sqrt(S[0, 0] ** 2 + S[0, 1] ** 2 + S[1, 0] ** 2 + S[1, 1] ** 2))
 
 
-@lean
-def uncertain(
-    pair: Pair, work: Work, theta: float, phi: float, d: float, h_t: float, h_p: float
+@compiled_noalloc
+def set_added_variances(
+    pair: PairRanges,
+    work: BoundWorkspace,
+    theta: float,
+    phi: float,
+    d: float,
+    h_t: float,
+    h_p: float,
 ) -> None:
     """Variances (m^2, into work.more) about as large as what W gains at most in a cell.
 
@@ -108,56 +128,56 @@ def uncertain(
     more, sizes = work.more, work.sizes
     c, s = np.cos(phi), np.sin(phi)
     for k in range(pair.z.size):
-        w_x, w_y = between(pair, k, c, s, d * np.cos(theta), d * np.sin(theta))
-        moved = d * h_t + sizes[k, ARM] * h_p + INNER
-        angle = rotated(np.sqrt(w_x * w_x + w_y * w_y), moved)
+        w_x, w_y = antenna_vector(pair, k, c, s, d * np.cos(theta), d * np.sin(theta))
+        moved = d * h_t + sizes[k, ARM] * h_p + INNER_PART_M
+        angle = max_direction_change(np.sqrt(w_x * w_x + w_y * w_y), moved)
         more[k] = sizes[k, ROW_A] * angle * angle + sizes[k, ROW_B] * (angle + h_p) * (angle + h_p)
 
 
-@lean
-def prepare(pair: Pair, work: Work, step: float, t: float, p: float) -> None:
+@compiled_noalloc
+def prepare_bound(pair: PairRanges, work: BoundWorkspace, step: float, t: float, p: float) -> None:
     """Everything about x that does not depend on how large the cell is, for x and what it gains.
 
-    x belongs to the pose `step` (m), t and p (rad) from the center; MORE is what it gains with a
+    x belongs to the pose `step` (m), t and p (rad) from the center; G_X_STEP is what it gains with a
     step of 1 m more. `sums` are x^T of residuals, of their derivatives, and of second derivatives
-    of the ranges; and, from `pull`, x^T W x with its derivatives, which are quadratic in x.
+    of the ranges; and, from `add_track_variance`, x^T W x with its derivatives, which are quadratic in x.
     """
     n = pair.z.size
     L, y, out, g, sums = work.L, work.y, work.out, work.g, work.sums
-    for i in range(SUMS):
+    for i in range(SUM_FIELDS):
         sums[0, i], sums[1, i] = 0.0, 0.0
     for k in range(n):
         z = y[k, 0] - y[k, 1] * step - y[k, 2] * t - y[k, 3] * p
-        g[k, X], g[k, MORE] = z, -y[k, 1]
+        g[k, G_X], g[k, G_X_STEP] = z, -y[k, 1]
         for i in range(4):
             sums[0, i] += z * y[k, i]
             sums[1, i] -= y[k, 1] * y[k, i]
     for i in range(n - 1, -1, -1):
-        total, more = g[i, X], g[i, MORE]
+        total, more = g[i, G_X], g[i, G_X_STEP]
         for k in range(i + 1, n):
-            total -= L[k, i] * g[k, X]
-            more -= L[k, i] * g[k, MORE]
-        g[i, X], g[i, MORE] = total * L[i, i], more * L[i, i]
+            total -= L[k, i] * g[k, G_X]
+            more -= L[k, i] * g[k, G_X_STEP]
+        g[i, G_X], g[i, G_X_STEP] = total * L[i, i], more * L[i, i]
     c, s = np.cos(out[PHI]), np.sin(out[PHI])
     e_x, e_y = np.cos(out[THETA]), np.sin(out[THETA])
-    d = out[AT]
+    d = out[AT_DISTANCE]
     for k in range(n):
         b_x, b_y = pair.b[k, 0] - pair.b[0, 0], pair.b[k, 1] - pair.b[0, 1]
         r_x, r_y = c * b_x - s * b_y, s * b_x + c * b_y
-        w_x, w_y = between(pair, k, c, s, d * e_x, d * e_y)
+        w_x, w_y = antenna_vector(pair, k, c, s, d * e_x, d * e_y)
         apart = np.sqrt(w_x * w_x + w_y * w_y)
-        by_apart = 1.0 / apart if apart > NEAREST else 0.0
-        o_x, o_y = (w_x * by_apart, w_y * by_apart) if apart > NEAREST else (e_x, e_y)
+        by_apart = 1.0 / apart if apart > MIN_ANTENNA_DISTANCE else 0.0
+        o_x, o_y = (w_x * by_apart, w_y * by_apart) if apart > MIN_ANTENNA_DISTANCE else (e_x, e_y)
         across = scatter_across(pair, k, c, s, o_x, o_y)
         f = np.sqrt(apart * apart + across) + TINY
         by_f = 1.0 / f
-        g[k, APART], g[k, ACROSS], g[k, RANGE] = apart, across, f
-        g[k, U], g[k, U + 1] = o_x, o_y
-        g[k, V], g[k, V + 1] = c * o_x + s * o_y, -s * o_x + c * o_y
+        g[k, G_DISTANCE], g[k, G_SCATTER], g[k, G_RANGE] = apart, across, f
+        g[k, G_SIGHT_A], g[k, G_SIGHT_A + 1] = o_x, o_y
+        g[k, G_SIGHT_B], g[k, G_SIGHT_B + 1] = c * o_x + s * o_y, -s * o_x + c * o_y
         # How the line of sight turns with theta, phi and d.
-        g[k, TURN] = d * (o_x * e_x + o_y * e_y) * by_apart
-        g[k, TURN + 1] = (o_x * r_x + o_y * r_y) * by_apart
-        g[k, TURN + 2] = (o_x * e_y - o_y * e_x) * by_apart
+        g[k, G_SIGHT_TURN] = d * (o_x * e_x + o_y * e_y) * by_apart
+        g[k, G_SIGHT_TURN + 1] = (o_x * r_x + o_y * r_y) * by_apart
+        g[k, G_SIGHT_TURN + 2] = (o_x * e_y - o_y * e_x) * by_apart
         # f_ij = u^T w_ij + (w_i^T w_j - (u^T w_i) (u^T w_j)) / f, u = w / f
         u_x, u_y = o_x * apart * by_f, o_y * apart * by_f
         u_t, u_p, u_d = d * (u_y * e_x - u_x * e_y), u_y * r_x - u_x * r_y, u_x * e_x + u_y * e_y
@@ -168,7 +188,7 @@ def prepare(pair: Pair, work: Work, step: float, t: float, p: float) -> None:
         pd = (e_y * r_x - e_x * r_y - u_p * u_d) * by_f
         dd = (1.0 - u_d * u_d) * by_f
         for i in range(2):
-            weight = g[k, X + i]
+            weight = g[k, G_X + i]
             sums[i, TT] += weight * tt
             sums[i, TP] += weight * tp
             sums[i, PP] += weight * pp
@@ -177,13 +197,13 @@ def prepare(pair: Pair, work: Work, step: float, t: float, p: float) -> None:
             sums[i, DD] += weight * dd
         now = across * across / (apart * apart + across + TINY)
         variance = pair.variance[k] + 0.5 * now
-        sums[0, SPREAD] += variance * g[k, X] * g[k, X]
-        sums[0, SPREAD + 1] += 2.0 * variance * g[k, X] * g[k, MORE]
-        sums[0, SPREAD + 2] += variance * g[k, MORE] * g[k, MORE]
+        sums[0, VARIANCE_OF_X] += variance * g[k, G_X] * g[k, G_X]
+        sums[0, VARIANCE_OF_X + 1] += 2.0 * variance * g[k, G_X] * g[k, G_X_STEP]
+        sums[0, VARIANCE_OF_X + 2] += variance * g[k, G_X_STEP] * g[k, G_X_STEP]
 
 
-@lean
-def pull(pair: Pair, g: Floats, sums: Floats) -> None:
+@compiled_noalloc
+def add_track_variance(pair: PairRanges, g: Floats, sums: Floats) -> None:
     """What odometry's errors add to x^T W x, and how that grows as lines of sight turn."""
     n = pair.z.size
     for k in range(n):
@@ -192,40 +212,47 @@ def pull(pair: Pair, g: Floats, sums: Floats) -> None:
         for m in range(n):
             P, Q = pair.P_a[k, m], pair.P_b[k, m]
             p_x, p_y = (
-                P[0, 0] * g[m, U] + P[0, 1] * g[m, U + 1],
-                P[1, 0] * g[m, U] + P[1, 1] * g[m, U + 1],
+                P[0, 0] * g[m, G_SIGHT_A] + P[0, 1] * g[m, G_SIGHT_A + 1],
+                P[1, 0] * g[m, G_SIGHT_A] + P[1, 1] * g[m, G_SIGHT_A + 1],
             )
             q_x, q_y = (
-                Q[0, 0] * g[m, V] + Q[0, 1] * g[m, V + 1],
-                Q[1, 0] * g[m, V] + Q[1, 1] * g[m, V + 1],
+                Q[0, 0] * g[m, G_SIGHT_B] + Q[0, 1] * g[m, G_SIGHT_B + 1],
+                Q[1, 0] * g[m, G_SIGHT_B] + Q[1, 1] * g[m, G_SIGHT_B + 1],
             )
-            a_x += p_x * g[m, X]
-            a_y += p_y * g[m, X]
-            b_x += q_x * g[m, X]
-            b_y += q_y * g[m, X]
-            A_x += p_x * g[m, MORE]
-            A_y += p_y * g[m, MORE]
-            B_x += q_x * g[m, MORE]
-            B_y += q_y * g[m, MORE]
-        u_x, u_y, v_x, v_y = g[k, U], g[k, U + 1], g[k, V], g[k, V + 1]
-        g[k, PULL_A] = np.sqrt(a_x * a_x + a_y * a_y)
-        g[k, PULL_A + 1] = np.sqrt(A_x * A_x + A_y * A_y)
-        g[k, PULL_B] = np.sqrt(b_x * b_x + b_y * b_y)
-        g[k, PULL_B + 1] = np.sqrt(B_x * B_x + B_y * B_y)
-        x, more = g[k, X], g[k, MORE]
+            a_x += p_x * g[m, G_X]
+            a_y += p_y * g[m, G_X]
+            b_x += q_x * g[m, G_X]
+            b_y += q_y * g[m, G_X]
+            A_x += p_x * g[m, G_X_STEP]
+            A_y += p_y * g[m, G_X_STEP]
+            B_x += q_x * g[m, G_X_STEP]
+            B_y += q_y * g[m, G_X_STEP]
+        u_x, u_y, v_x, v_y = (
+            g[k, G_SIGHT_A],
+            g[k, G_SIGHT_A + 1],
+            g[k, G_SIGHT_B],
+            g[k, G_SIGHT_B + 1],
+        )
+        g[k, G_NORM_A] = np.sqrt(a_x * a_x + a_y * a_y)
+        g[k, G_NORM_A + 1] = np.sqrt(A_x * A_x + A_y * A_y)
+        g[k, G_NORM_B] = np.sqrt(b_x * b_x + b_y * b_y)
+        g[k, G_NORM_B + 1] = np.sqrt(B_x * B_x + B_y * B_y)
+        x, more = g[k, G_X], g[k, G_X_STEP]
         along, along_more = (
             u_x * a_x + u_y * a_y + v_x * b_x + v_y * b_y,
             u_x * A_x + u_y * A_y + v_x * B_x + v_y * B_y,
         )
-        add_quadratic(sums, SPREAD, 1.0, x, more, along, along_more)
+        add_quadratic(sums, VARIANCE_OF_X, 1.0, x, more, along, along_more)
         by_b, by_b_more = v_x * b_y - v_y * b_x, v_x * B_y - v_y * B_x
         by, by_more = u_x * a_y - u_y * a_x + by_b, u_x * A_y - u_y * A_x + by_b_more
         for i in range(3):
-            add_quadratic(sums, GROWTH + 3 * i, 2.0 * g[k, TURN + i], x, more, by, by_more)
-        add_quadratic(sums, GROWTH + 3, -2.0, x, more, by_b, by_b_more)
+            add_quadratic(
+                sums, VARIANCE_GROWTH + 3 * i, 2.0 * g[k, G_SIGHT_TURN + i], x, more, by, by_more
+            )
+        add_quadratic(sums, VARIANCE_GROWTH + 3, -2.0, x, more, by_b, by_b_more)
 
 
-@lean
+@compiled_noalloc
 def add_quadratic(
     sums: Floats, at: int, factor: float, x: float, more: float, a: float, a_more: float
 ) -> None:
@@ -235,40 +262,45 @@ def add_quadratic(
     sums[0, at + 2] += factor * more * a_more
 
 
-@lean
-def higher(work: Work, k: int, h_t: float, h_p: float, h_d: float, s: float) -> tuple[float, float]:
+@compiled_noalloc
+def higher_orders(
+    work: BoundWorkspace, k: int, h_t: float, h_p: float, h_d: float, s: float
+) -> tuple[float, float]:
     """What higher orders of range k may take from x^T r and add to x^T W x."""
-    g, sizes, d = work.g, work.sizes, work.out[AT]
-    apart, across, f, arm = g[k, APART], g[k, ACROSS], g[k, RANGE], sizes[k, ARM]
-    weight = abs(g[k, X] + s * g[k, MORE])
+    g, sizes, d = work.g, work.sizes, work.out[AT_DISTANCE]
+    apart, across, f, arm = g[k, G_DISTANCE], g[k, G_SCATTER], g[k, G_RANGE], sizes[k, ARM]
+    weight = abs(g[k, G_X] + s * g[k, G_X_STEP])
     moved = h_d + d * h_t + arm * h_p
     second = h_d * h_t + 0.5 * (d * h_t * h_t + arm * h_p * h_p)
     third = 0.5 * h_d * h_t * h_t + (d * h_t * h_t * h_t + arm * h_p * h_p * h_p) / 6.0
     ratio = moved / f
-    less = third + (second + third) * ratio + moved * third_order(ratio)
-    angle, gap = rotated(apart, moved), max(apart - moved, 0.0)
+    less = third + (second + third) * ratio + moved * range_remainder(ratio)
+    angle, gap = max_direction_change(apart, moved), max(apart - moved, 0.0)
     swollen = 0.0
     if sizes[k, SCATTER] > 0.0:
-        change = spreads(sizes, k, angle, h_p)
+        change = max_scatter_change(sizes, k, angle, h_p)
         less += min(0.5 * change / (gap + TINY), np.sqrt(change))
         wide = across + change
         tail = min(wide / (gap * gap + TINY), 1.0) * wide
         swollen = 0.5 * max(tail - across * across / (f * f), 0.0)
     if sizes[k, ROW_A] + sizes[k, ROW_B] == 0.0:
         return weight * less, swollen * weight * weight
-    ratio = moved / max(apart, NEAREST)
+    ratio = moved / max(apart, MIN_ANTENNA_DISTANCE)
     off = 2.0 + ratio
-    if ratio < 1.0 and apart > NEAREST:
-        off = min(turned_off(ratio) + (second + third) / apart, off)
+    if ratio < 1.0 and apart > MIN_ANTENNA_DISTANCE:
+        off = min(direction_remainder(ratio) + (second + third) / apart, off)
     off_b = off + angle * h_p + 0.5 * h_p * h_p
-    a, b = g[k, PULL_A] + abs(s) * g[k, PULL_A + 1], g[k, PULL_B] + abs(s) * g[k, PULL_B + 1]
+    a, b = (
+        g[k, G_NORM_A] + abs(s) * g[k, G_NORM_A + 1],
+        g[k, G_NORM_B] + abs(s) * g[k, G_NORM_B + 1],
+    )
     turned = sizes[k, ROW_A] * angle * angle + sizes[k, ROW_B] * (angle + h_p) * (angle + h_p)
     more = 2.0 * weight * (a * off + b * off_b) + (turned + swollen) * weight * weight
     return weight * less, more
 
 
-@lean
-def third_order(ratio: float) -> float:
+@compiled_noalloc
+def range_remainder(ratio: float) -> float:
     """| |w + x| - |w| - u^T x - |x - u u^T x|^2 / 2 |w| | / |x| at most, ratio = |x| / |w|.
 
     Never more than the second order itself, for the first is from below.
@@ -278,26 +310,26 @@ def third_order(ratio: float) -> float:
     return float(0.5 * ratio)
 
 
-@lean
-def turned_off(ratio: float) -> float:
+@compiled_noalloc
+def direction_remainder(ratio: float) -> float:
     """| (w + x) / |w + x| - u - (x - u u^T x) / |w| | at most, ratio = |x| / |w| < 1."""
     return float(ratio * ratio * (0.58 + 0.8 * ratio))
 
 
-@lean
-def spreads(sizes: Floats, k: int, angle: float, h_phi: float) -> float:
+@compiled_noalloc
+def max_scatter_change(sizes: Floats, k: int, angle: float, h_phi: float) -> float:
     """By how much the scatter across a line of sight changes at most where that turns, m^2."""
     a, b, ab = sizes[k, SIZE_A], sizes[k, SIZE_B], sizes[k, SIZE_AB]
     changed = 2.0 * (a * angle + b * (angle + h_phi) + ab * (2.0 * angle + h_phi))
     return float(min(changed, sizes[k, SCATTER]))
 
 
-@lean
-def rotated(apart: float, moved: float) -> float:
+@compiled_noalloc
+def max_direction_change(apart: float, moved: float) -> float:
     """|u - v| at most, of unit vectors along w and w + x, |w| = apart, |x| <= moved.
 
     2 |x| / (|w| + |w + x|), Dunkl and Williams (1964).
     """
-    if apart <= NEAREST:
+    if apart <= MIN_ANTENNA_DISTANCE:
         return 2.0
     return float(min(2.0 * moved / (apart + max(apart - moved, 0.0)), 2.0))

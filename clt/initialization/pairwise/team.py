@@ -8,51 +8,55 @@ from dataclasses import replace
 import numpy as np
 
 from clt.core.errors import CltError
-from clt.core.geometry import ANY_HEADING, wrap
+from clt.core.geometry import UNIFORM_HEADING_SIGMA, wrap_angle
 from clt.core.recording import Floats, Recording
-from clt.core.start import Hypothesis, InitialPose, odometry_begin
-from clt.initialization.pairwise.graph import Edges, Joint, combine
-from clt.initialization.pairwise.hypotheses import CERTAIN, Hypotheses, sharp
-from clt.initialization.pairwise.outliers import bound
-from clt.initialization.pairwise.pairwise import cut_pair, solve_pair
-from clt.initialization.status import Alternative, Initialization, RobotStatus, unobservable
+from clt.core.start import Hypothesis, InitialPose, odometry_start
+from clt.initialization.pairwise.graph import JointHypothesis, PairGraph, combine_pairs
+from clt.initialization.pairwise.hypotheses import UNIQUE_PROBABILITY, PairHypotheses, is_sharp
+from clt.initialization.pairwise.outliers import chi_square_limit
+from clt.initialization.pairwise.pairwise import build_pair, solve_pair
+from clt.initialization.status import Alternative, Initialization, RobotStatus, unobservable_status
 from clt.model.settings import FilterSettings
 
-SPANS = (15, 30, 60)
+SPANS_S = (15, 30, 60)
 """Seconds of the log that are looked at; the longer only where the shorter do not suffice.
 
 That of them counts which tells most: odometry drifts, and a longer one may tell less.
 """
-DRIVE = (
-    f"let both robots drive in curves in the first {SPANS[-1]} s, or give its pose in a TOML file "
+DRIVE_REMEDY = (
+    f"let both robots drive in curves in the first {SPANS_S[-1]} s, or give its pose in a TOML file "
     "(--init FILE)"
 )
-MANY = 8
+MIN_UNOBSERVABLE_ALTERNATIVES = 8
 """A robot with as many alternatives as these is not observable yet."""
-UNKNOWN = 0.8
+UNKNOWN_HEADING_SIGMA = 0.8
 """Standard deviation of a heading (rad) that is not known at all."""
-WORTH_TELLING = 1e-3
+MIN_LISTED_PROBABILITY = 1e-3
 """Probability from which an alternative is listed."""
-CUT_OFF = "the search for the relative pose of {} was cut off: there may be others; " + DRIVE
-CHOSEN = "of the ranges of {} some fit to no pose, and which of them is a guess; " + DRIVE
-LEFT_OUT = "{}: {} of the ranges (or averages of them) fit to no pose and were left out"
-TOO_MANY = (
-    "there are too many combinations of the poses of all pairs: some of probability {:.2f} were "
-    "left out; " + DRIVE
+SEARCH_CUT_OFF = (
+    "the search for the relative pose of {} was cut off: there may be others; " + DRIVE_REMEDY
 )
-CONTRADICT = "the pairs of the team contradict each other; " + DRIVE
-UNUSED = (
+OUTLIERS_GUESSED = (
+    "of the ranges of {} some fit to no pose, and which of them is a guess; " + DRIVE_REMEDY
+)
+OUTLIERS_LEFT_OUT = "{}: {} of the ranges (or averages of them) fit to no pose and were left out"
+TOO_MANY_COMBINATIONS = (
+    "there are too many combinations of the poses of all pairs: some of probability {:.2f} were "
+    "left out; " + DRIVE_REMEDY
+)
+PAIRS_CONTRADICT = "the pairs of the team contradict each other; " + DRIVE_REMEDY
+SURVEY_UNUSED = (
     "the surveyed position of {} is not used in the frame of {}: to start in the world, give the "
     "pose of a moving robot in a TOML file (--init FILE)"
 )
-ROOT = ""
+FRAME_ROOT = ""
 """What stands for the frame itself among the robots, where poses in it are given."""
-GIVEN = 1e-6
+GIVEN_SIGMA = 1e-6
 """Standard deviation (m, rad) of what is given as certain."""
 NOTHING_GIVEN: Mapping[str, InitialPose] = {}
-FINEST = 1e-3
+MIN_RATED_SIGMA = 1e-3
 """Standard deviation (m, rad) beyond which narrower is not better."""
-OVERLAP = 9.0
+MAX_OVERLAP_CHI2 = 9.0
 """Squared distance, in units of their summed variance, of solutions that are one."""
 
 
@@ -73,28 +77,28 @@ def from_pairwise(
     moving = [robot.name for robot in team.moving if robot.name in recording.odometry]
     if len(moving) == 0:
         raise CltError("no moving robot has odometry: there is nothing to initialize")
-    ego = ROOT if len(given) > 0 else moving[0] if ego is None else ego
-    if ego not in (ROOT, *moving):
+    ego = FRAME_ROOT if len(given) > 0 else moving[0] if ego is None else ego
+    if ego not in (FRAME_ROOT, *moving):
         raise CltError(f"{ego} has no odometry: no pose can be told in its frame")
-    begin = pairwise_begin(recording) if begin is None else begin
+    begin = pairwise_start_time(recording) if begin is None else begin
     last = max(int(recording.odometry[name].stamp[-1]) for name in moving)
     tried = []
-    for seconds in SPANS:
+    for seconds in SPANS_S:
         end = begin + seconds * 1_000_000_000
-        tried.append(_within(recording, moving, ego, (begin, min(end, last)), settings, given))
+        tried.append(_from_span(recording, moving, ego, (begin, min(end, last)), settings, given))
         settled = all(robot.status == "ok" for robot in tried[-1].robots.values())
         if settled or end >= last:
             break
-    return max(tried, key=how_much)
+    return max(tried, key=rate_initialization)
 
 
-def pairwise_begin(recording: Recording) -> int:
+def pairwise_start_time(recording: Recording) -> int:
     """The instant at which the poses hold: the odometry of all moving robots has begun, ns."""
     names = (robot.name for robot in recording.team.moving)
-    return max(odometry_begin(recording, name) for name in names if name in recording.odometry)
+    return max(odometry_start(recording, name) for name in names if name in recording.odometry)
 
 
-def how_much(found: Initialization) -> tuple[bool, int, int, float]:
+def rate_initialization(found: Initialization) -> tuple[bool, int, int, float]:
     """How much is told: without contradiction, of how many robots surely and at all, how narrowly.
 
     Narrow is the sum over robots of log(p) - 1/2 log(det P) of the pose that is told, no sigma
@@ -104,17 +108,17 @@ def how_much(found: Initialization) -> tuple[bool, int, int, float]:
     narrow = 0.0
     for robot in robots:
         if robot.pose is not None:
-            P = robot.pose.covariance + FINEST**2 * np.eye(3)
+            P = robot.pose.covariance + MIN_RATED_SIGMA**2 * np.eye(3)
             narrow += float(np.log(robot.probability) - 0.5 * np.linalg.slogdet(P)[1])
     return (
-        all(robot.why != CONTRADICT for robot in robots),
+        all(robot.why != PAIRS_CONTRADICT for robot in robots),
         sum(robot.status == "ok" for robot in robots),
         sum(robot.pose is not None for robot in robots),
         narrow,
     )
 
 
-def _within(
+def _from_span(
     recording: Recording,
     moving: list[str],
     ego: str,
@@ -128,33 +132,33 @@ def _within(
     edges = {}
     for k, name in enumerate(moving):
         for other in [*moving[k + 1 :], *(robot.name for robot in team.static)]:
-            pair = cut_pair(recording, (name, other), span, settings)
+            pair = build_pair(recording, (name, other), span, settings)
             if pair is not None:
                 edges[name, other] = solve_pair(pair, turns=other not in static)
     if len(edges) == 0:
         raise CltError(
-            f"no ranges between robots with odometry in the first {SPANS[-1]} s: nothing tells "
+            f"no ranges between robots with odometry in the first {SPANS_S[-1]} s: nothing tells "
             "where they are; give poses in a TOML file (--init FILE)"
         )
-    known = {(ROOT, name): certain(pose) for name, pose in given.items()}
-    names, joints = combine(ego, {**known, **edges}, static)
+    known = {(FRAME_ROOT, name): given_hypothesis(pose) for name, pose in given.items()}
+    names, joints = combine_pairs(ego, {**known, **edges}, static)
     still = [k for k, name in enumerate(names) if name in static and len(given) == 0]
     joints = [without_heading(joint, still) for joint in joints]
-    probability = shares([joint.log_weight for joint in joints])
+    probability = normalized_weights([joint.log_weight for joint in joints])
     robots = _statuses(recording, ego, given, names, joints, edges)
     hypotheses = tuple(
         Hypothesis(float(p), dict(zip(names, _poses(joint), strict=True)))
         for p, joint in zip(probability, joints, strict=True)
     )
     notes = tuple(
-        LEFT_OUT.format("-".join(pair), found.left_out)
+        OUTLIERS_LEFT_OUT.format("-".join(pair), found.left_out)
         for pair, found in edges.items()
         if found.left_out > 0
     )
-    if ego == ROOT:
+    if ego == FRAME_ROOT:
         return Initialization(span[0], True, robots, notes, given=frozenset(given))
     unused = [robot.name for robot in team.static if robot.position is not None]
-    assumed = (UNUSED.format(", ".join(unused), ego),) if len(unused) > 0 else ()
+    assumed = (SURVEY_UNUSED.format(", ".join(unused), ego),) if len(unused) > 0 else ()
     return Initialization(
         span[0],
         False,
@@ -171,12 +175,12 @@ def _statuses(
     ego: str,
     given: Mapping[str, InitialPose],
     names: tuple[str, ...],
-    joints: list[Joint],
-    edges: Edges,
+    joints: list[JointHypothesis],
+    edges: PairGraph,
 ) -> dict[str, RobotStatus]:
     """What the joint hypotheses of the robots `names` say of every robot of a team."""
     robots = {}
-    reference = " or ".join(given) if ego == ROOT else ego
+    reference = " or ".join(given) if ego == FRAME_ROOT else ego
     for robot in recording.team.robots:
         if robot.name in given:
             robots[robot.name] = RobotStatus("ok", given[robot.name])
@@ -184,32 +188,36 @@ def _statuses(
             robots[ego] = RobotStatus("ok", InitialPose(np.zeros(3), np.zeros((3, 3))))
         elif robot.name in names:
             k = names.index(robot.name)
-            robots[robot.name] = doubted(told(joints, k, not robot.static), edges)
+            robots[robot.name] = with_pair_doubts(
+                status_from_joints(joints, k, not robot.static), edges
+            )
         elif robot.static or robot.name in recording.odometry:
-            robots[robot.name] = unobservable(f"no chain of ranges connects it with {reference}")
+            robots[robot.name] = unobservable_status(
+                f"no chain of ranges connects it with {reference}"
+            )
         else:
-            robots[robot.name] = unobservable("no odometry")
+            robots[robot.name] = unobservable_status("no odometry")
     return robots
 
 
-def certain(pose: InitialPose) -> Hypotheses:
+def given_hypothesis(pose: InitialPose) -> PairHypotheses:
     """A pose that is given, as the one hypothesis of a pair."""
-    covariance = pose.covariance + GIVEN**2 * np.eye(3)
+    covariance = pose.covariance + GIVEN_SIGMA**2 * np.eye(3)
     one = np.ones(1)
-    return Hypotheses(pose.mean[None], covariance[None], one, one, 0.0, True)
+    return PairHypotheses(pose.mean[None], covariance[None], one, one, 0.0, True)
 
 
-def without_heading(joint: Joint, robots: list[int]) -> Joint:
+def without_heading(joint: JointHypothesis, robots: list[int]) -> JointHypothesis:
     """A joint hypothesis with nothing known of the headings of some (static) robots."""
     mean, covariance = joint.mean.copy(), joint.covariance.copy()
     for k in robots:
         mean[k, 2] = 0.0
         covariance[3 * k + 2, :] = covariance[:, 3 * k + 2] = 0.0
-        covariance[3 * k + 2, 3 * k + 2] = ANY_HEADING**2
+        covariance[3 * k + 2, 3 * k + 2] = UNIFORM_HEADING_SIGMA**2
     return replace(joint, mean=mean, covariance=covariance)
 
 
-def _poses(joint: Joint) -> list[InitialPose]:
+def _poses(joint: JointHypothesis) -> list[InitialPose]:
     """Marginal poses of a joint hypothesis."""
     return [
         InitialPose(mean, joint.covariance[3 * k : 3 * k + 3, 3 * k : 3 * k + 3])
@@ -217,30 +225,32 @@ def _poses(joint: Joint) -> list[InitialPose]:
     ]
 
 
-def told(joints: list[Joint], k: int, turns: bool) -> RobotStatus:
+def status_from_joints(joints: list[JointHypothesis], k: int, turns: bool) -> RobotStatus:
     """What the joint hypotheses say about robot k; those that hang together are one solution.
 
     Its pose is the one to which most of the posterior is alike.
     """
     poses = [_poses(joint)[k] for joint in joints]
-    probability = shares([joint.log_weight for joint in joints])
+    probability = normalized_weights([joint.log_weight for joint in joints])
     first = int(np.argmax([joint.log_support for joint in joints]))
     groups = _groups(poses, turns)
     share = [float(probability[group].sum()) for group in groups]
     mine = next(g for g, group in enumerate(groups) if first in group)
     members = [first, *(i for i in groups[mine] if i != first)]
-    best = _gathered([poses[i] for i in members], probability[members])
+    best = _merged_pose([poses[i] for i in members], probability[members])
     rest = tuple(
         Alternative(poses[groups[g][0]].mean, share[g])
         for g in np.argsort(-np.array(share), kind="stable").tolist()
-        if g != mine and share[g] >= WORTH_TELLING
+        if g != mine and share[g] >= MIN_LISTED_PROBABILITY
     )
     top = share[mine]
-    if contradicts(joints[first]):
-        return RobotStatus("ambiguous", best, top, CONTRADICT, rest)
-    if joints[first].cut > 1.0 - CERTAIN:
-        return RobotStatus("ambiguous", best, top, TOO_MANY.format(joints[first].cut), rest)
-    if top >= CERTAIN and sharp(best.covariance, turns):
+    if is_contradictory(joints[first]):
+        return RobotStatus("ambiguous", best, top, PAIRS_CONTRADICT, rest)
+    if joints[first].cut > 1.0 - UNIQUE_PROBABILITY:
+        return RobotStatus(
+            "ambiguous", best, top, TOO_MANY_COMBINATIONS.format(joints[first].cut), rest
+        )
+    if top >= UNIQUE_PROBABILITY and is_sharp(best.covariance, turns):
         return RobotStatus("ok", best, top, alternatives=rest)
     if len(rest) == 0:
         place = float(np.sqrt(np.linalg.eigvalsh(best.covariance[:2, :2])[-1]))
@@ -248,63 +258,67 @@ def told(joints: list[Joint], k: int, turns: bool) -> RobotStatus:
         why = f"its pose is known only to {place:.2f} m and {turn:.2f} rad"
     else:
         why = f"{len(rest) + 1} poses explain the ranges (this one with probability {top:.3f})"
-    if len(rest) >= MANY or (turns and hopeless(best.covariance)):
-        return RobotStatus("unobservable", best, top, f"{why}: not observable yet; {DRIVE}", rest)
-    return RobotStatus("ambiguous", best, top, f"{why}; {DRIVE}", rest, open=True)
+    if len(rest) >= MIN_UNOBSERVABLE_ALTERNATIVES or (
+        turns and is_too_wide_to_start(best.covariance)
+    ):
+        return RobotStatus(
+            "unobservable", best, top, f"{why}: not observable yet; {DRIVE_REMEDY}", rest
+        )
+    return RobotStatus("ambiguous", best, top, f"{why}; {DRIVE_REMEDY}", rest, open=True)
 
 
-def doubted(status: RobotStatus, edges: Edges) -> RobotStatus:
+def with_pair_doubts(status: RobotStatus, edges: PairGraph) -> RobotStatus:
     """What is told of a robot, but neither `ok` nor open where a pair may have another solution."""
     cut_off = ["-".join(pair) for pair, found in edges.items() if not found.complete]
     chosen = ["-".join(pair) for pair, found in edges.items() if found.chosen]
-    for pairs, why in ((cut_off, CUT_OFF), (chosen, CHOSEN)):
+    for pairs, why in ((cut_off, SEARCH_CUT_OFF), (chosen, OUTLIERS_GUESSED)):
         if status.status == "ok" and len(pairs) > 0:
             return replace(status, status="ambiguous", why=why.format(", ".join(pairs)))
     whole = len(cut_off) + len(chosen) == 0 and not any(one.widened for one in edges.values())
     return replace(status, open=status.open and whole)
 
 
-def contradicts(joint: Joint) -> bool:
+def is_contradictory(joint: JointHypothesis) -> bool:
     """The pairs that closed cycles disagree by more than their covariances allow."""
-    return joint.mismatch > bound(joint.checks)
+    return joint.mismatch > chi_square_limit(joint.checks)
 
 
-def shares(log_weight: list[float]) -> Floats:
+def normalized_weights(log_weight: list[float]) -> Floats:
     """Probabilities (n,) from their logarithms, up to a constant."""
     weight = np.exp(np.array(log_weight) - max(log_weight))
     return np.asarray(weight / weight.sum())
 
 
-def hopeless(covariance: Floats) -> bool:
+def is_too_wide_to_start(covariance: Floats) -> bool:
     """A solution as wide as no filter can start from: its heading is all but unknown."""
-    return float(np.sqrt(covariance[2, 2])) > UNKNOWN
+    return float(np.sqrt(covariance[2, 2])) > UNKNOWN_HEADING_SIGMA
 
 
 def _groups(poses: list[InitialPose], turns: bool) -> list[list[int]]:
     """Indices of poses that hang together, each group and the groups in the order given."""
     groups: list[list[int]] = []
     for index, pose in enumerate(poses):
-        near = [g for g in groups if any(_alike(poses[i], pose, turns) for i in g)]
+        near = [g for g in groups if any(_overlap(poses[i], pose, turns) for i in g)]
         joined = sorted([i for g in near for i in g] + [index])
         groups = [g for g in groups if g not in near] + [joined]
     return sorted(groups)
 
 
-def _gathered(poses: list[InitialPose], probability: Floats) -> InitialPose:
+def _merged_pose(poses: list[InitialPose], probability: Floats) -> InitialPose:
     """The first of several poses with a covariance that holds all of them."""
     first, weight = poses[0], probability / probability.sum()
     covariance = np.zeros((3, 3))
     for pose, w in zip(poses, weight, strict=True):
         e = pose.mean - first.mean
-        e[2:] = wrap(e[2:])
+        e[2:] = wrap_angle(e[2:])
         covariance += w * (pose.covariance + np.outer(e, e))
     return InitialPose(first.mean, covariance)
 
 
-def _alike(a: InitialPose, b: InitialPose, turns: bool) -> bool:
+def _overlap(a: InitialPose, b: InitialPose, turns: bool) -> bool:
     """Two poses so close that they belong to one solution: their regions overlap."""
     size = 3 if turns else 2
     e = a.mean - b.mean
-    e[2:] = wrap(e[2:])
+    e[2:] = wrap_angle(e[2:])
     P = (a.covariance + b.covariance)[:size, :size]
-    return bool(e[:size] @ np.linalg.solve(P, e[:size]) < OVERLAP)
+    return bool(e[:size] @ np.linalg.solve(P, e[:size]) < MAX_OVERLAP_CHI2)

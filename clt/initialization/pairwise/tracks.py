@@ -14,17 +14,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.geometry import rotation
+from clt.core.geometry import rotation_matrix
 from clt.core.recording import Floats, Indices, Stamps
-from clt.model.inputs import Segments
-from clt.model.settings import Noise
-from clt.model.state_space import AT_REST
+from clt.model.inputs import TwistSegments
+from clt.model.settings import NoiseSettings
+from clt.model.state_space import MAX_STANDSTILL_TWIST
 
-LINEAR = 0.25
+MAX_LINEAR_HEADING_SIGMA = 0.25
 """Standard deviation of a heading (rad) up to which what it does to a track is linear in it."""
 
 
-class Throughout(NamedTuple):
+class LastingErrors(NamedTuple):
     """Standard deviations of errors that a robot's odometry has throughout."""
 
     scale_v: float = 0.0
@@ -35,16 +35,16 @@ class Throughout(NamedTuple):
     """rad/s, while the wheels turn."""
 
 
-NOTHING = Throughout()
+NO_LASTING_ERRORS = LastingErrors()
 
 
-def throughout(noise: Noise) -> Throughout:
+def lasting_errors(noise: NoiseSettings) -> LastingErrors:
     """What the settings say of errors of scale and bias."""
-    return Throughout(*noise.lasting)
+    return LastingErrors(*noise.lasting)
 
 
 @dataclass(frozen=True)
-class Track:
+class OdometryTrack:
     """Antenna positions of one robot in its body frame at the start."""
 
     position: Floats
@@ -53,36 +53,41 @@ class Track:
     """Between the errors at any two of the chosen times, (m, m, 2, 2), m^2."""
 
 
-def standing(n: int, m: int) -> Track:
+def static_track(n: int, m: int) -> OdometryTrack:
     """The track of a robot that does not move, at n stamps of which m are chosen."""
-    return Track(np.zeros((n, 2)), np.zeros((m, m, 2, 2)))
+    return OdometryTrack(np.zeros((n, 2)), np.zeros((m, m, 2, 2)))
 
 
-def linear_until(segments: Segments, start: int, wrong: Throughout = NOTHING) -> int:
-    """Time (ns) to which odometry alone, from `start`, knows the heading to LINEAR."""
+def linear_until(
+    segments: TwistSegments, start: int, wrong: LastingErrors = NO_LASTING_ERRORS
+) -> int:
+    """Time (ns) to which odometry alone, from `start`, knows the heading to MAX_LINEAR_HEADING_SIGMA."""
     dt = np.diff(segments.end, prepend=start) * 1e-9
     variance = np.cumsum(segments.interval * segments.var_omega * dt)
     variance += (wrong.scale_omega * np.cumsum(segments.omega * dt)) ** 2
     variance += (wrong.bias_omega * np.cumsum(np.where(_rolling(segments), dt, 0.0))) ** 2
-    known = int(np.argmax(np.append(variance > LINEAR**2, True)))
+    known = int(np.argmax(np.append(variance > MAX_LINEAR_HEADING_SIGMA**2, True)))
     if known == segments.end.size:
         return int(np.iinfo(np.int64).max)
     return int(segments.end[known - 1]) if known > 0 else start
 
 
-def _rolling(segments: Segments) -> NDArray[np.bool_]:
+def _rolling(segments: TwistSegments) -> NDArray[np.bool_]:
     """In which segments the wheels turn."""
-    return np.asarray((np.abs(segments.v) >= AT_REST) | (np.abs(segments.omega) >= AT_REST))
+    return np.asarray(
+        (np.abs(segments.v) >= MAX_STANDSTILL_TWIST)
+        | (np.abs(segments.omega) >= MAX_STANDSTILL_TWIST)
+    )
 
 
-def dead_reckon(
-    segments: Segments,
+def odometry_track(
+    segments: TwistSegments,
     start: int,
     stamp: Stamps,
     lever: Floats,
     chosen: Indices,
-    wrong: Throughout = NOTHING,
-) -> Track:
+    wrong: LastingErrors = NO_LASTING_ERRORS,
+) -> OdometryTrack:
     """Integrate one robot's twist segments from `start` (ns) to stamps (n,), sorted.
 
     `lever` (2,) is the antenna in the body frame, m; `chosen` (m,) are the stamps, as indices, of
@@ -107,14 +112,14 @@ def dead_reckon(
     q_v, q_w = segments.var_v[of] * scale, segments.var_omega[of] * scale
 
     at = np.searchsorted(end, stamp)
-    position = after[at] + rotation(np.cumsum(turn)[at]) @ lever
+    position = after[at] + rotation_matrix(np.cumsum(turn)[at]) @ lever
     at = at[chosen]
     drift = _total(q_v[:, None, None] * along[:, :, None] * along[:, None, :], at)
     weight = _total(q_w, at)
     first = _total(q_w[:, None] * middle, at)
     second = _total(q_w[:, None, None] * middle[:, :, None] * middle[:, None, :], at)
     covariance = drift_covariance(position[chosen], drift, weight, first, second)
-    if wrong != NOTHING:
+    if wrong != NO_LASTING_ERRORS:
         rolled = np.where(_rolling(segments)[of], dt, 0.0)
         effects = [wrong.scale_v * after[at]]
         for sigma, error in ((wrong.scale_omega, turn), (wrong.bias_omega, rolled)):
@@ -122,7 +127,7 @@ def dead_reckon(
             effects.append(sigma * _turned(position[chosen], _total(error, at), moment))
         for g in effects:
             covariance += g[:, None, :, None] * g[None, :, None, :]
-    return Track(position, covariance)
+    return OdometryTrack(position, covariance)
 
 
 def _turned(position: Floats, turn: Floats, moment: Floats) -> Floats:

@@ -18,20 +18,27 @@ from numpy.typing import NDArray
 from clt.core.recording import Indices
 from clt.log.cdr import fallback_decoder
 from clt.log.cdr.msgdef import Struct
-from clt.log.cdr.paths import Leaf, resolve
-from clt.log.cdr.reader import Budget, Layout, ShapeError, Spot, WireError, lay_out
-from clt.log.mcap.table import Bytes, Messages, gather
+from clt.log.cdr.paths import LeafType, resolve_path
+from clt.log.cdr.reader import (
+    CdrError,
+    FieldLocation,
+    MessageLayout,
+    StepBudget,
+    UnsupportedLayoutError,
+    locate_fields,
+)
+from clt.log.mcap.table import Bytes, Messages, gather_items
 
 Column = NDArray[np.generic]
 Mask = NDArray[np.bool_]
-LAYOUTS = 64
+MAX_LAYOUTS = 64
 """After so many layouts of one topic the rest is read message by message."""
-GAP = 64
+MAX_FETCH_GAP_BYTES = 64
 """Fields at most so many bytes apart are fetched together."""
 
 
 @dataclass(frozen=True)
-class Decoded:
+class DecodedColumns:
     """Columns of n messages by field path, shape (n,), or (n, k) for an array of k numbers.
 
     A text is an object, shared by the messages that hold the same: its length costs no row.
@@ -42,38 +49,38 @@ class Decoded:
     """False where the bytes of a message do not fit its definition; its row is empty."""
 
 
-def decode(
-    messages: Messages, struct: Struct, paths: Sequence[str], budget: Budget | None = None
-) -> Decoded:
+def decode_columns(
+    messages: Messages, struct: Struct, paths: Sequence[str], budget: StepBudget | None = None
+) -> DecodedColumns:
     """The wanted fields of `messages`, all of the type `struct`.
 
     What is left of the `budget` bounds the work. Raises PathError for a path that names no column.
     """
-    budget = Budget() if budget is None else budget
+    budget = StepBudget() if budget is None else budget
     count = len(messages.offset)
-    leaves = {path: resolve(struct, path) for path in paths}
+    leaves = {path: resolve_path(struct, path) for path in paths}
     good = np.ones(count, np.bool_)
     parts: list[tuple[Indices, Mapping[str, Column]]] = []
     rows = np.arange(count)
-    for _ in range(LAYOUTS):
+    for _ in range(MAX_LAYOUTS):
         if len(rows) == 0:
             break
         first = int(messages.offset[rows[0]])
         sample = messages.data[first : first + int(messages.length[rows[0]])].tobytes()
         try:
-            layout = lay_out(struct, sample, paths, budget)
-        except WireError:
+            layout = locate_fields(struct, sample, paths, budget)
+        except CdrError:
             good[rows[0]] = False
             rows = rows[1:]
             continue
-        except ShapeError:
+        except UnsupportedLayoutError:
             break
         fits = _fits(messages, rows, layout, sample)
         columns = _columns(messages.data, messages.offset[rows[fits]], layout)
         parts.append((rows[fits], columns))
         rows = rows[~fits]
     if len(rows) > 0:
-        read, rest = fallback_decoder.decode(messages, rows, struct, leaves, budget)
+        read, rest = fallback_decoder.decode_one_by_one(messages, rows, struct, leaves, budget)
         good[rows] = False
         good[read] = True
         parts.append((read, rest))
@@ -82,22 +89,22 @@ def decode(
         path: _join(leaf, [part[path] for _, part in parts], places, count)
         for path, leaf in leaves.items()
     }
-    return Decoded(columns, good)
+    return DecodedColumns(columns, good)
 
 
-def _fits(messages: Messages, rows: Indices, layout: Layout, sample: bytes) -> Mask:
+def _fits(messages: Messages, rows: Indices, layout: MessageLayout, sample: bytes) -> Mask:
     """Which messages have the length and the deciding bytes of the sample."""
     fits: Mask = messages.length[rows] == len(sample)
     for offset, width in [(0, 2), *((offset, 4) for offset, _ in layout.words)]:
         starts = messages.offset[rows[fits]] + offset
-        found = gather(messages.data, starts, np.dtype(f"<u{width}"))
+        found = gather_items(messages.data, starts, np.dtype(f"<u{width}"))
         same = found == int.from_bytes(sample[offset : offset + width], "little")
         if not same.all():
             fits[np.flatnonzero(fits)[~same]] = False
     return fits
 
 
-def _columns(data: Bytes, starts: Indices, layout: Layout) -> dict[str, Column]:
+def _columns(data: Bytes, starts: Indices, layout: MessageLayout) -> dict[str, Column]:
     """The fields of all messages that share a layout; neighbours are fetched together."""
     empty = [path for path, spot in layout.spots.items() if spot.count == 0]
     columns: dict[str, Column] = {path: np.full(len(starts), "", np.object_) for path in empty}
@@ -108,7 +115,7 @@ def _columns(data: Bytes, starts: Indices, layout: Layout) -> dict[str, Column]:
         width = max(offset + kind.itemsize for offset, kind in zip(offsets, kinds, strict=True))
         names = [str(number) for number in range(len(block))]
         row = np.dtype({"names": names, "formats": kinds, "offsets": offsets, "itemsize": width})
-        rows = gather(data, starts + first, row)
+        rows = gather_items(data, starts + first, row)
         columns |= {
             path: _native(rows[name], layout.spots[path])
             for path, name in zip(block, names, strict=True)
@@ -116,29 +123,29 @@ def _columns(data: Bytes, starts: Indices, layout: Layout) -> dict[str, Column]:
     return columns
 
 
-def _blocks(spots: Mapping[str, Spot]) -> list[list[str]]:
-    """Paths in the order of their offsets, those at most GAP bytes apart together."""
+def _blocks(spots: Mapping[str, FieldLocation]) -> list[list[str]]:
+    """Paths in the order of their offsets, those at most MAX_FETCH_GAP_BYTES bytes apart together."""
     blocks: list[list[str]] = []
-    end = -1 - GAP
+    end = -1 - MAX_FETCH_GAP_BYTES
     for path in sorted(spots, key=lambda path: spots[path].offset):
         spot = spots[path]
         if spot.count == 0:
             continue
-        if spot.offset - end > GAP:
+        if spot.offset - end > MAX_FETCH_GAP_BYTES:
             blocks.append([])
         blocks[-1].append(path)
         end = spot.offset + _numpy_kind(spot, "<").itemsize
     return blocks
 
 
-def _numpy_kind(spot: Spot, order: str) -> np.dtype[Any]:
+def _numpy_kind(spot: FieldLocation, order: str) -> np.dtype[Any]:
     if spot.kind == "text":
         return np.dtype(f"S{spot.count}")
     kind = np.dtype("u1" if spot.kind == "?" else order + spot.kind)
     return kind if spot.count is None else np.dtype((kind, (spot.count,)))
 
 
-def _native(values: Column, spot: Spot) -> Column:
+def _native(values: Column, spot: FieldLocation) -> Column:
     """A contiguous column in the machine's byte order."""
     if spot.kind == "text":
         return _text(values)
@@ -155,7 +162,7 @@ def _text(raw: Column) -> Column:
     return np.array(texts, np.object_)[which]
 
 
-def _join(leaf: Leaf, pieces: Sequence[Column], rows: Sequence[Indices], count: int) -> Column:
+def _join(leaf: LeafType, pieces: Sequence[Column], rows: Sequence[Indices], count: int) -> Column:
     """The pieces of one column in the order of the messages."""
     if len(pieces) == 1 and len(rows[0]) == count:
         return pieces[0]

@@ -8,16 +8,27 @@ import numpy as np
 
 from clt.core.recording import Indices
 from clt.log.cdr.msgdef import Struct
-from clt.log.cdr.paths import Leaf
-from clt.log.cdr.reader import Budget, Layout, ShapeError, Spot, WireError, lay_out
+from clt.log.cdr.paths import LeafType
+from clt.log.cdr.reader import (
+    CdrError,
+    FieldLocation,
+    MessageLayout,
+    StepBudget,
+    UnsupportedLayoutError,
+    locate_fields,
+)
 from clt.log.mcap.table import Bytes, Messages
 
-VALUES = 1_000_000
+MAX_MESSAGE_STEPS = 1_000_000
 """As many values of one message are walked."""
 
 
-def decode(
-    messages: Messages, rows: Indices, struct: Struct, leaves: Mapping[str, Leaf], budget: Budget
+def decode_one_by_one(
+    messages: Messages,
+    rows: Indices,
+    struct: Struct,
+    leaves: Mapping[str, LeafType],
+    budget: StepBudget,
 ) -> tuple[Indices, dict[str, np.ndarray]]:
     """The wanted fields of some messages, each laid out by itself.
 
@@ -32,25 +43,25 @@ def decode(
         first = int(messages.offset[row])
         payload = messages.data[first : first + int(messages.length[row])]
         try:
-            layout = lay_out(struct, payload.tobytes(), leaves, budget, VALUES)
-        except (WireError, ShapeError):
+            layout = locate_fields(struct, payload.tobytes(), leaves, budget, MAX_MESSAGE_STEPS)
+        except (CdrError, UnsupportedLayoutError):
             continue
         good.append(row)
         for path, spot in layout.spots.items():
             values[path].append(_value(payload, layout, spot))
     return np.array(good, np.int64), {
-        path: column(values[path], leaf) for path, leaf in leaves.items()
+        path: as_column(values[path], leaf) for path, leaf in leaves.items()
     }
 
 
-def column(values: Sequence[object], leaf: Leaf) -> np.ndarray:
+def as_column(values: Sequence[object], leaf: LeafType) -> np.ndarray:
     """Values of one path as the column that `clt.log.cdr.batch_decoder` makes of it."""
     kind = np.dtype(object if leaf.kind == "text" else leaf.kind)
     shape = (len(values),) if leaf.size is None else (len(values), leaf.size)
     return np.array(values, kind).reshape(shape)
 
 
-def _value(payload: Bytes, layout: Layout, spot: Spot) -> object:
+def _value(payload: Bytes, layout: MessageLayout, spot: FieldLocation) -> object:
     """One field of one message."""
     if spot.kind == "text":
         raw = payload[spot.offset : spot.offset + (spot.count or 0)].tobytes()

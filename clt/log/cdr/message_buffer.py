@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 
 from clt.core.recording import Indices
 from clt.log.cdr import batch_decoder
-from clt.log.cdr.batch_decoder import Decoded
+from clt.log.cdr.batch_decoder import DecodedColumns
 from clt.log.cdr.msgdef import Struct
-from clt.log.cdr.reader import Budget
+from clt.log.cdr.reader import StepBudget
 from clt.log.mcap.table import Messages
 
-COLUMNS = ("channel", "log_time", "offset", "length")
-BATCH = 16 << 20
+MESSAGE_COLUMNS = ("channel", "log_time", "offset", "length")
+DECODE_BATCH_BYTES = 16 << 20
 """Bytes of messages that are decoded together."""
-NONE = Messages(
+NO_MESSAGES = Messages(
     np.empty(0, np.uint8),
     np.empty(0, np.int32),
     np.empty(0, np.int64),
@@ -34,31 +34,32 @@ NONE = Messages(
 
 
 @dataclass
-class Buffer:
+class RawBuffer:
     """Messages in one piece of memory."""
 
     data: bytearray = field(default_factory=bytearray)
     """Grows in place, so that what was inflated is not held twice."""
-    tables: list[Messages] = field(default_factory=lambda: [NONE])
+    tables: list[Messages] = field(default_factory=lambda: [NO_MESSAGES])
     """Their offsets are those in `data`."""
 
     def add(self, messages: Messages) -> None:
         """Copy messages."""
-        wanted = compact(messages)
+        wanted = compact_messages(messages)
         offset = wanted.offset + len(self.data)
         self.data += wanted.data.data
-        self.tables.append(replace(wanted, data=NONE.data, offset=offset))
+        self.tables.append(replace(wanted, data=NO_MESSAGES.data, offset=offset))
 
     def whole(self) -> Messages:
         """All messages as one table; nothing can be added any more."""
         columns = (
-            np.concatenate([getattr(table, name) for table in self.tables]) for name in COLUMNS
+            np.concatenate([getattr(table, name) for table in self.tables])
+            for name in MESSAGE_COLUMNS
         )
         return Messages(np.frombuffer(self.data, np.uint8), *columns)
 
 
 @dataclass
-class Growing:
+class GrowingArray:
     """An array that grows in place: many small pieces would leave holes all over the memory."""
 
     array: NDArray[Any]
@@ -83,50 +84,52 @@ class Growing:
 
 
 @dataclass
-class Columns:
+class TopicColumns:
     """One topic whose messages are decoded as they come."""
 
     struct: Struct
     paths: tuple[str, ...]
     numbers: list[int] = field(default_factory=list)
     """Its channels."""
-    parts: dict[str, Growing] = field(default_factory=dict)
+    parts: dict[str, GrowingArray] = field(default_factory=dict)
     """By path; times of recording and which messages were good by names that are no paths."""
 
-    def add(self, messages: Messages, budget: Budget) -> None:
+    def add(self, messages: Messages, budget: StepBudget) -> None:
         """Decode messages, in file order."""
-        found = batch_decoder.decode(messages, self.struct, self.paths, budget)
+        found = batch_decoder.decode_columns(messages, self.struct, self.paths, budget)
         table = {**found.columns, "log time": messages.log_time, "good": found.good}
         for name, column in table.items():
             if name not in self.parts:
-                self.parts[name] = Growing(np.empty((0, *column.shape[1:]), column.dtype))
+                self.parts[name] = GrowingArray(np.empty((0, *column.shape[1:]), column.dtype))
             self.parts[name].add(column)
 
-    def joined(self) -> tuple[Messages, Decoded]:
+    def joined(self) -> tuple[Messages, DecodedColumns]:
         """Times of recording, in a table without payloads, and fields of all messages."""
         table = {name: part.whole() for name, part in self.parts.items()}
         log_time, good = table.pop("log time"), table.pop("good")
         narrow = np.broadcast_to(np.int32(0), len(good))
         wide = np.broadcast_to(np.int64(0), len(good))
-        return Messages(NONE.data, narrow, log_time, wide, narrow), Decoded(table, good)
+        return Messages(NO_MESSAGES.data, narrow, log_time, wide, narrow), DecodedColumns(
+            table, good
+        )
 
 
 @dataclass
-class Gathered:
+class MessageBuffer:
     """Counts the messages of each channel and keeps those of the wanted ones."""
 
     counts: list[int] = field(default_factory=list)
     """Messages of each channel, by its number."""
-    budget: Budget = field(default_factory=Budget)
+    budget: StepBudget = field(default_factory=StepBudget)
     """Of decoding."""
     _wanted: bytearray = field(default_factory=bytearray)
     """By channel: 1 where its messages are kept whole, 2 where they become columns."""
-    _raw: Buffer = field(default_factory=Buffer)
-    _waiting: Buffer = field(default_factory=Buffer)
-    _topics: dict[str, Columns] = field(default_factory=dict)
+    _raw: RawBuffer = field(default_factory=RawBuffer)
+    _waiting: RawBuffer = field(default_factory=RawBuffer)
+    _topics: dict[str, TopicColumns] = field(default_factory=dict)
     _planned: set[str] = field(default_factory=set)
     """Topics that have a channel: the plan of their first one holds."""
-    _whole: Messages = NONE
+    _whole: Messages = NO_MESSAGES
     _rows: list[Indices] = field(default_factory=list)
     """Rows of each channel in `_whole`, once packed."""
 
@@ -142,7 +145,7 @@ class Gathered:
         if keep and topic not in self._planned:
             self._planned.add(topic)
             if plan is not None:
-                self._topics[topic] = Columns(plan[0], tuple(plan[1]))
+                self._topics[topic] = TopicColumns(plan[0], tuple(plan[1]))
         columns = self._topics.get(topic)
         if keep and columns is not None:
             columns.numbers.append(number)
@@ -158,21 +161,21 @@ class Gathered:
             rows = fate == kind
             if rows.any():
                 buffer.add(messages if rows.all() else messages.select(rows))
-        if len(self._waiting.data) >= BATCH:
+        if len(self._waiting.data) >= DECODE_BATCH_BYTES:
             self._decode()
 
     def _decode(self) -> None:
         """Turn the messages that wait into columns."""
-        whole, self._waiting = self._waiting.whole(), Buffer()
+        whole, self._waiting = self._waiting.whole(), RawBuffer()
         rows = _by_channel(whole, len(self.counts))
         for columns in self._topics.values():
             columns.add(whole.select(_in_order(rows, columns.numbers)), self.budget)
 
-    def packed(self) -> Gathered:
+    def packed(self) -> MessageBuffer:
         """All messages as one table, each channel's rows known; nothing can be added any more."""
         if len(self._topics) > 0:
             self._decode()
-        self._whole, self._raw = self._raw.whole(), Buffer()
+        self._whole, self._raw = self._raw.whole(), RawBuffer()
         self._rows = _by_channel(self._whole, len(self.counts))
         return self
 
@@ -180,7 +183,7 @@ class Gathered:
         """The messages of some channels in file order."""
         return self._whole.select(_in_order(self._rows, numbers))
 
-    def columns(self, topic: str, paths: Sequence[str]) -> tuple[Messages, Decoded] | None:
+    def columns(self, topic: str, paths: Sequence[str]) -> tuple[Messages, DecodedColumns] | None:
         """What was decoded of a topic; None where its messages or some paths were not."""
         found = self._topics.get(topic)
         if found is None or not set(paths) <= set(found.paths):
@@ -207,7 +210,7 @@ def _in_order(rows: list[Indices], numbers: list[int]) -> Indices:
     return np.sort(np.concatenate([rows[number] for number in numbers]))
 
 
-def compact(messages: Messages) -> Messages:
+def compact_messages(messages: Messages) -> Messages:
     """The same messages without the bytes between them, if that is worth a copy."""
     if 2 * int(messages.length.sum()) >= len(messages.data):
         return messages

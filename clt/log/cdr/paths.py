@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from clt.core.printable import name as shown
+from clt.core.printable import printable_name as shown
 from clt.log.cdr.msgdef import Field, Struct
 
-STEP = re.compile(r"(?P<name>[A-Za-z]\w*)(?:\[(?P<index>[0-9]{1,9})\])?")
-LARGEST = 4096
+PATH_STEP_PATTERN = re.compile(r"(?P<name>[A-Za-z]\w*)(?:\[(?P<index>[0-9]{1,9})\])?")
+MAX_COLUMN_ELEMENTS = 4096
 """Elements of an array that one column holds per message."""
 
 
@@ -18,7 +18,7 @@ class PathError(ValueError):
 
 
 @dataclass(frozen=True)
-class Leaf:
+class LeafType:
     """A primitive that a path names."""
 
     kind: str
@@ -27,30 +27,30 @@ class Leaf:
     """Elements of a whole array; None for a single value."""
 
 
-def resolve(struct: Struct, path: str) -> Leaf:
+def resolve_path(struct: Struct, path: str) -> LeafType:
     """What `path` names. Raises PathError for a stranger, a nested type or a whole sequence."""
     here: Struct | str = struct
-    leaf = Leaf("")
+    leaf = LeafType("")
     for step in path.split("."):
-        match = STEP.fullmatch(step)
+        match = PATH_STEP_PATTERN.fullmatch(step)
         if match is None or not isinstance(here, Struct):
             raise PathError(f"`{path}` is no field of {shown(struct.name)}")
         field = next((field for field in here.fields if field.name == match["name"]), None)
         if field is None:
             raise PathError(
-                f"{shown(here.name)} has no field `{match['name']}`; it has: {_names(here)}"
+                f"{shown(here.name)} has no field `{match['name']}`; it has: {_field_names(here)}"
             )
-        leaf = Leaf("", _size(field, match["index"], path))
+        leaf = LeafType("", _size(field, match["index"], path))
         here = field.kind
     if isinstance(here, Struct):
         kind = shown(here.name)
-        raise PathError(f"`{path}` is a {kind}, not a number; name one of: {_names(here)}")
+        raise PathError(f"`{path}` is a {kind}, not a number; name one of: {_field_names(here)}")
     if here == "wide" or (here == "text" and leaf.size is not None):
         raise PathError(f"`{path}` is not a number or a plain string")
-    return Leaf(here, leaf.size)
+    return LeafType(here, leaf.size)
 
 
-def _names(struct: Struct) -> str:
+def _field_names(struct: Struct) -> str:
     """The fields of a type in one line."""
     return shown(", ".join(field.name for field in struct.fields), 400)
 
@@ -67,6 +67,6 @@ def _size(field: Field, index: str | None, path: str) -> int | None:
         return None
     if field.many == "sequence" or isinstance(field.kind, Struct):
         raise PathError(f"`{path}`: name one element: `{field.name}[0]`")
-    if field.size > LARGEST:
+    if field.size > MAX_COLUMN_ELEMENTS:
         raise PathError(f"`{path}` has {field.size} elements; name one: `{field.name}[0]`")
     return field.size

@@ -10,33 +10,33 @@ import numpy as np
 
 from clt.log.cdr.msgdef import Field, Struct
 
-STEPS = 10_000
+MAX_LAYOUT_STEPS = 10_000
 """As many values and lengths of one message are walked for a layout that others may share."""
-WORK = 20_000_000
+MAX_LOG_STEPS = 20_000_000
 """As many values and lengths of one log are walked in all."""
 
 
-class WireError(Exception):
+class CdrError(Exception):
     """The bytes of a message do not fit its definition."""
 
 
-class ShapeError(Exception):
+class UnsupportedLayoutError(Exception):
     """The message is beyond what a layout describes: wide strings, or more values than allowed."""
 
 
 @dataclass
-class Budget:
+class StepBudget:
     """The walking that is left for a log."""
 
-    left: int = WORK
+    left: int = MAX_LOG_STEPS
 
 
-class EnoughError(Exception):
+class AllFoundError(Exception):
     """Every wanted field was found before something that cannot be walked."""
 
 
 @dataclass(frozen=True)
-class Spot:
+class FieldLocation:
     """A field inside a message: an element of `kind` at `offset`, or `count` of them."""
 
     offset: int
@@ -46,34 +46,38 @@ class Spot:
 
 
 @dataclass
-class Layout:
+class MessageLayout:
     """Of every message with the same length and the same deciding bytes."""
 
     order: str
     """`<` or `>`."""
     words: list[tuple[int, int]] = field(default_factory=list)
     """Offset and value of each uint32 that tells a length."""
-    spots: dict[str, Spot] = field(default_factory=dict)
+    spots: dict[str, FieldLocation] = field(default_factory=dict)
 
 
-def lay_out(
-    struct: Struct, message: bytes, wanted: Collection[str], budget: Budget, steps: int = STEPS
-) -> Layout:
+def locate_fields(
+    struct: Struct,
+    message: bytes,
+    wanted: Collection[str],
+    budget: StepBudget,
+    steps: int = MAX_LAYOUT_STEPS,
+) -> MessageLayout:
     """The layout of one message, with a spot for each wanted path.
 
     Raises WireError where the bytes do not fit the definition or lack a wanted element,
     ShapeError for wide strings and for more than `steps` values or what is left of the budget.
     """
     if len(message) < 4 or message[0] != 0 or message[1] > 1:
-        raise WireError("not plain CDR")
+        raise CdrError("not plain CDR")
     walker = _Walker(message, frozenset(wanted), min(steps, budget.left))
     try:
-        with contextlib.suppress(EnoughError):
+        with contextlib.suppress(AllFoundError):
             walker.struct(struct, "")
     finally:
         budget.left -= walker.steps
     if len(walker.layout.spots) < len(walker.wanted):
-        raise WireError("a wanted element is absent")
+        raise CdrError("a wanted element is absent")
     return walker.layout
 
 
@@ -82,7 +86,7 @@ class _Walker:
         self.message = message
         self.wanted = wanted
         self.indexed = {path.rpartition("[")[0] for path in wanted if path.endswith("]")}
-        self.layout = Layout("<" if message[1] == 1 else ">")
+        self.layout = MessageLayout("<" if message[1] == 1 else ">")
         self.at = 4
         self.steps = 0
         self.most = most
@@ -109,31 +113,35 @@ class _Walker:
         elif kind == "text":
             self.text(path)
         elif kind == "wide":
-            raise EnoughError if len(self.layout.spots) == len(self.wanted) else ShapeError
+            raise (
+                AllFoundError
+                if len(self.layout.spots) == len(self.wanted)
+                else UnsupportedLayoutError
+            )
         else:
             width = np.dtype(kind).itemsize
             offset = self.move(width, width)
             if path in self.wanted:
-                self.layout.spots[path] = Spot(offset, kind)
+                self.layout.spots[path] = FieldLocation(offset, kind)
 
     def numbers(self, kind: str, path: str, size: int) -> None:
         width = np.dtype(kind).itemsize
         offset = self.move(width * size, width)
         if path in self.wanted:
-            self.layout.spots[path] = Spot(offset, kind, size)
+            self.layout.spots[path] = FieldLocation(offset, kind, size)
         if path in self.indexed:
             for want in self.wanted:
                 base, _, index = want.rpartition("[")
                 if base == path and int(index[:-1]) < size:
                     place = offset + width * int(index[:-1])
-                    self.layout.spots[want] = Spot(place, kind)
+                    self.layout.spots[want] = FieldLocation(place, kind)
 
     def text(self, path: str) -> None:
         """A length that counts the closing NUL; writers spell "" as 0 or 1."""
         size = self.word()
         offset = self.move(size, 1)
         if path in self.wanted:
-            self.layout.spots[path] = Spot(offset, "text", max(size - 1, 0))
+            self.layout.spots[path] = FieldLocation(offset, "text", max(size - 1, 0))
 
     def word(self) -> int:
         offset = self.move(4, 4)
@@ -146,9 +154,9 @@ class _Walker:
         """Pass over `size` bytes behind the padding; their offset."""
         self.steps += 1
         if self.steps > self.most:
-            raise ShapeError
+            raise UnsupportedLayoutError
         start = self.at + (4 - self.at) % align
         self.at = start + size
         if self.at > len(self.message):
-            raise WireError("the message is too short")
+            raise CdrError("the message is too short")
         return start

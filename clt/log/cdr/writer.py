@@ -20,18 +20,18 @@ from clt.core.recording import Stamps
 from clt.log.cdr import schemas
 
 Bytes = NDArray[np.uint8]
-Constants = Mapping[str, str | int]
+LayoutConstants = Mapping[str, str | int]
 
-ENCAPSULATION = b"\x00\x01\x00\x00"
-SECOND = 1_000_000_000
-CODES = {"bool": "?", "byte": "u1", "char": "u1", "float32": "<f4", "float64": "<f8"} | {
+ENCAPSULATION_HEADER = b"\x00\x01\x00\x00"
+NS_PER_SECOND = 1_000_000_000
+NUMBER_CODES = {"bool": "?", "byte": "u1", "char": "u1", "float32": "<f4", "float64": "<f8"} | {
     kind: f"<{'u' if kind[0] == 'u' else 'i'}{int(kind.split('int')[1]) // 8}"
-    for kind in schemas.INTEGERS
+    for kind in schemas.INTEGER_TYPES
 }
 
 
 @dataclass(frozen=True)
-class Layout:
+class PayloadLayout:
     """Where each field of a payload lies, and the bytes that are the same in all of them."""
 
     dtype: np.dtype[np.void]
@@ -50,18 +50,18 @@ class Layout:
         return rows
 
 
-def layout(name: str, constants: Constants | None = None) -> Layout:
+def payload_layout(name: str, constants: LayoutConstants | None = None) -> PayloadLayout:
     """The layout of a `package/msg/Type` whose strings and sequence lengths are `constants`.
 
     Keys are dotted paths (`header.frame_id`, `markers.0.text`, `transforms`); what is not named
     is the empty string or the empty sequence. Raises KeyError for a path that the type has not.
     """
-    return _layout(name, frozenset((constants or {}).items()))
+    return _cached_layout(name, frozenset((constants or {}).items()))
 
 
 @functools.lru_cache(maxsize=1024)
-def _layout(name: str, constants: frozenset[tuple[str, str | int]]) -> Layout:
-    walk = _Walk(dict(constants))
+def _cached_layout(name: str, constants: frozenset[tuple[str, str | int]]) -> PayloadLayout:
+    walk = _LayoutBuilder(dict(constants))
     walk.message(name, "")
     strangers = walk.constants.keys() - walk.used
     if len(strangers) > 0:
@@ -73,20 +73,20 @@ def _layout(name: str, constants: frozenset[tuple[str, str | int]]) -> Layout:
         "offsets": offsets,
         "itemsize": len(walk.template),
     }
-    return Layout(np.dtype(spec), bytes(walk.template))
+    return PayloadLayout(np.dtype(spec), bytes(walk.template))
 
 
 @dataclass
-class _Walk:
+class _LayoutBuilder:
     """One pass over a type, field by field, that lays out the payload."""
 
     constants: dict[str, str | int]
-    template: bytearray = field(default_factory=lambda: bytearray(ENCAPSULATION))
+    template: bytearray = field(default_factory=lambda: bytearray(ENCAPSULATION_HEADER))
     places: list[tuple[str, Any, int]] = field(default_factory=list)
     used: set[str] = field(default_factory=set)
 
     def message(self, name: str, prefix: str) -> None:
-        for kind, label in schemas.fields(schemas.source(name)):
+        for kind, label in schemas.definition_fields(schemas.definition_text(name)):
             self.member(kind, prefix + label)
 
     def member(self, kind: str, path: str) -> None:
@@ -99,7 +99,7 @@ class _Walk:
             self.number("<u4", count)
         if count == 0:
             return
-        alike = _alike(element)
+        alike = _uniform_numbers(element)
         if alike is None:
             for index in range(count):
                 self.one(element, f"{path}.{index}")
@@ -113,8 +113,8 @@ class _Walk:
             text = str(self.constant(path, "")).encode() + b"\0"
             self.number("<u4", len(text))
             self.template += text
-        elif kind in CODES:
-            self.place(path, CODES[kind], ())
+        elif kind in NUMBER_CODES:
+            self.place(path, NUMBER_CODES[kind], ())
         else:
             self.message(kind, f"{path}.")
 
@@ -135,23 +135,23 @@ class _Walk:
         self.template += bytes(size * int(np.prod(shape, dtype=np.int64)))
 
     def align(self, size: int) -> None:
-        self.template += bytes(-(len(self.template) - len(ENCAPSULATION)) % size)
+        self.template += bytes(-(len(self.template) - len(ENCAPSULATION_HEADER)) % size)
 
 
 def _array(kind: str) -> tuple[str, int | None]:
     """Element type and length of a field's type: None for no array, -1 for a sequence."""
     match = re.fullmatch(r"([^\[]+)\[(<=)?(\d*)\]", kind)
     if match is None:
-        return schemas.base(kind), None
+        return schemas.element_type(kind), None
     element, bound, count = match.groups()
-    return schemas.base(element), int(count) if count != "" and bound is None else -1
+    return schemas.element_type(element), int(count) if count != "" and bound is None else -1
 
 
-def _alike(kind: str) -> tuple[str, int] | None:
+def _uniform_numbers(kind: str) -> tuple[str, int] | None:
     """Code and width of an element made of one kind of number only (width 0: the number itself)."""
-    if kind in CODES:
-        return CODES[kind], 0
-    if kind in schemas.PRIMITIVES:
+    if kind in NUMBER_CODES:
+        return NUMBER_CODES[kind], 0
+    if kind in schemas.PRIMITIVE_TYPES:
         return None
     codes = list(_codes(kind))
     return (codes[0], len(codes)) if len(set(codes)) == 1 and codes[0] != "" else None
@@ -159,10 +159,10 @@ def _alike(kind: str) -> tuple[str, int] | None:
 
 def _codes(name: str) -> Iterator[str]:
     """The number codes of a type's fields, depth first; an empty one for anything else."""
-    for kind, _ in schemas.fields(schemas.source(name)):
-        if kind in CODES:
-            yield CODES[kind]
-        elif kind in schemas.PRIMITIVES or _array(kind)[1] is not None:
+    for kind, _ in schemas.definition_fields(schemas.definition_text(name)):
+        if kind in NUMBER_CODES:
+            yield NUMBER_CODES[kind]
+        elif kind in schemas.PRIMITIVE_TYPES or _array(kind)[1] is not None:
             yield ""
         else:
             yield from _codes(kind)
@@ -170,7 +170,7 @@ def _codes(name: str) -> Iterator[str]:
 
 def stamp_columns(path: str, stamp: Stamps) -> dict[str, ArrayLike]:
     """Columns of a `builtin_interfaces/Time` at `path`. Raises LogError beyond its 32-bit range."""
-    second = stamp // SECOND
+    second = stamp // NS_PER_SECOND
     if stamp.size > 0 and not 0 <= int(second.min()) <= int(second.max()) < 2**31:
         raise LogError(f"stamps from {stamp.min()} to {stamp.max()} ns do not fit ROS 2 time")
-    return {f"{path}.sec": second, f"{path}.nanosec": stamp - second * SECOND}
+    return {f"{path}.sec": second, f"{path}.nanosec": stamp - second * NS_PER_SECOND}

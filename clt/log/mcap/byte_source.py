@@ -7,10 +7,10 @@ from typing import BinaryIO
 
 from clt.core.errors import LogError
 
-BLOCK = 1 << 20
+READ_BLOCK_BYTES = 1 << 20
 
 
-class Source:
+class ByteSource:
     """A regular file or a pipe behind a window of unread bytes.
 
     A claimed length costs no memory: the window grows only by what really arrives. Raises
@@ -71,13 +71,13 @@ class Source:
 
     def sha256(self) -> str:
         """Digest of the whole input; reads what is left of it."""
-        while self.skip(BLOCK):
+        while self.skip(READ_BLOCK_BYTES):
             pass
         return self._digest.hexdigest()
 
     def _block(self) -> bytes:
         try:
-            block = self._stream.read(BLOCK)
+            block = self._stream.read(READ_BLOCK_BYTES)
         except OSError as error:
             raise LogError(f"{self.name}: {error.strerror or error}") from None
         self._digest.update(block)

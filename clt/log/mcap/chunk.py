@@ -9,22 +9,26 @@ import zstandard
 
 from clt.log.mcap.records import Chunk, DamagedError
 
-LIMIT = 256 << 20
+MAX_CHUNK_BYTES = 256 << 20
 """Largest chunk that is read, bytes, packed or not."""
-FREE = 256 << 20
-RATIO = 100
-"""All chunks of a log together inflate to at most FREE + RATIO times its own bytes."""
+FREE_INFLATED_BYTES = 256 << 20
+MAX_INFLATION_RATIO = 100
+"""All chunks of a log together inflate to at most FREE_INFLATED_BYTES + MAX_INFLATION_RATIO times its own bytes."""
 
 
-def inflate(chunk: Chunk, allowed: int = LIMIT) -> bytes | memoryview:
+def inflate_chunk(chunk: Chunk, allowed: int = MAX_CHUNK_BYTES) -> bytes | memoryview:
     """The records inside a chunk, at most `allowed` bytes of them.
 
     Raises DamagedError; allocates at most the claimed size.
     """
-    if chunk.size > LIMIT:
-        raise DamagedError(f"{chunk.size} bytes are beyond the limit of {LIMIT >> 20} MiB")
+    if chunk.size > MAX_CHUNK_BYTES:
+        raise DamagedError(
+            f"{chunk.size} bytes are beyond the limit of {MAX_CHUNK_BYTES >> 20} MiB"
+        )
     if chunk.size > allowed:
-        raise DamagedError(f"the log inflates to more than {RATIO} times its size: a zip bomb?")
+        raise DamagedError(
+            f"the log inflates to more than {MAX_INFLATION_RATIO} times its size: a zip bomb?"
+        )
     match chunk.compression:
         case "":
             data: bytes | memoryview = chunk.data

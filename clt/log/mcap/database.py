@@ -20,28 +20,30 @@ import zstandard
 from clt.core.errors import LogError
 from clt.log.cdr.schemas import ros2msg
 from clt.log.faults import Faults
-from clt.log.mcap.chunk import LIMIT
+from clt.log.mcap.chunk import MAX_CHUNK_BYTES
 from clt.log.mcap.records import Header, Schema
 from clt.log.mcap.scan import Channel
 from clt.log.mcap.table import Messages
 
-MAGIC = b"SQLite format 3\x00"
-TYPE = re.compile(r"[A-Za-z]\w*/msg/[A-Za-z]\w*", re.ASCII)
-TABLES = "SELECT name FROM sqlite_master WHERE type = 'table'"
-TOPICS = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
-DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-COUNTS = "SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"
-FETCH = "SELECT topic_id, CAST(timestamp AS INTEGER), CAST(data AS BLOB) FROM messages"
-TOGETHER = 1 << 22
+SQLITE_MAGIC = b"SQLite format 3\x00"
+TYPE_NAME_PATTERN = re.compile(r"[A-Za-z]\w*/msg/[A-Za-z]\w*", re.ASCII)
+TABLES_QUERY = "SELECT name FROM sqlite_master WHERE type = 'table'"
+TOPICS_QUERY = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
+DEFINITIONS_QUERY = (
+    "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+)
+COUNTS_QUERY = "SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"
+MESSAGES_QUERY = "SELECT topic_id, CAST(timestamp AS INTEGER), CAST(data AS BLOB) FROM messages"
+MESSAGE_BATCH_BYTES = 1 << 22
 """Bytes of payload handed on at a time."""
-ROWS = 1 << 16
+MESSAGE_BATCH_ROWS = 1 << 16
 """As many messages are handed on at a time."""
-MOST = 30_000
+MAX_QUERIED_TOPICS = 30_000
 """SQLite takes no more topics in one question."""
-ZSTD = b"\x28\xb5\x2f\xfd"
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 """With `compression_mode: message` each payload begins so; CDR never does."""
 
-Want = Callable[[str, str], bool]
+TopicFilter = Callable[[str, str], bool]
 
 
 class Database:
@@ -51,7 +53,7 @@ class Database:
     that is damaged or no rosbag2 database.
     """
 
-    def __init__(self, path: Path, name: str, want: Want) -> None:
+    def __init__(self, path: Path, name: str, want: TopicFilter) -> None:
         self.name = name
         self.faults = Faults(name)
         self._path = path
@@ -75,13 +77,13 @@ class Database:
             ) from None
 
     def _records(self, database: sqlite3.Connection) -> Iterator[Channel | Messages]:
-        known = {name for (name,) in database.execute(TABLES)}
+        known = {name for (name,) in database.execute(TABLES_QUERY)}
         if not {"topics", "messages"} <= known:  # views could hold anything, at any cost
             raise sqlite3.DatabaseError("it has no tables `topics` and `messages`")
         definitions = _definitions(database) if "message_definitions" in known else {}
         numbers: dict[int, int] = {}
         wanted: list[int] = []
-        for row in database.execute(TOPICS).fetchall():
+        for row in database.execute(TOPICS_QUERY).fetchall():
             topic, name, kind, encoding = row
             if not isinstance(topic, int) or not all(isinstance(text, str) for text in row[1:]):
                 raise sqlite3.DatabaseError("a topic without name or type")
@@ -90,8 +92,8 @@ class Database:
             yield Channel(numbers[topic], name, encoding, schema, {})
             if self._want(name, kind.replace("/msg/", "/")):
                 wanted.append(topic)
-        if len(wanted) > MOST:
-            raise sqlite3.DatabaseError(f"more than {MOST} topics")
+        if len(wanted) > MAX_QUERIED_TOPICS:
+            raise sqlite3.DatabaseError(f"more than {MAX_QUERIED_TOPICS} topics")
         yield from self._fetched(database, numbers, wanted)
         yield from self._counted(database, numbers, set(wanted))
 
@@ -103,7 +105,7 @@ class Database:
         batch: list[tuple[int, int, bytes]] = []
         size = 0
         for topic, stamp, data in database.execute(
-            f"{FETCH} WHERE topic_id IN ({marks}) ORDER BY id",
+            f"{MESSAGES_QUERY} WHERE topic_id IN ({marks}) ORDER BY id",
             wanted,
         ):
             if stamp is None or data is None:  # although the schema forbids it
@@ -111,7 +113,7 @@ class Database:
             payload = _unpacked(data)
             batch.append((numbers[topic], stamp, payload))
             size += len(payload)
-            if size >= TOGETHER or len(batch) >= ROWS:
+            if size >= MESSAGE_BATCH_BYTES or len(batch) >= MESSAGE_BATCH_ROWS:
                 yield _table(batch)
                 batch, size = [], 0
         if len(batch) > 0:
@@ -121,13 +123,15 @@ class Database:
         self, database: sqlite3.Connection, numbers: Mapping[int, int], wanted: set[int]
     ) -> Iterator[Messages]:
         """The messages of the other topics without their bytes."""
-        for topic, count in database.execute(COUNTS).fetchall():
+        for topic, count in database.execute(COUNTS_QUERY).fetchall():
             if topic not in numbers:
                 text = f"{count} messages stand on topics that are nowhere defined; skipped"
                 self.faults.add("channel", f"topic {topic}", text, count=count, lost=True)
             elif topic not in wanted:
-                for begin in range(0, count, ROWS):
-                    yield _nothing(numbers[topic], min(ROWS, count - begin))
+                for begin in range(0, count, MESSAGE_BATCH_ROWS):
+                    yield _messages_without_bytes(
+                        numbers[topic], min(MESSAGE_BATCH_ROWS, count - begin)
+                    )
 
 
 def _connect(path: Path) -> sqlite3.Connection:
@@ -135,7 +139,7 @@ def _connect(path: Path) -> sqlite3.Connection:
     uri = path.absolute().as_uri()
     database = sqlite3.connect(f"{uri}?mode=ro", uri=True)
     try:
-        database.execute(TABLES).fetchall()
+        database.execute(TABLES_QUERY).fetchall()
     except sqlite3.OperationalError:
         database.close()
         database = sqlite3.connect(f"{uri}?mode=ro&immutable=1", uri=True)
@@ -149,7 +153,7 @@ def _definitions(database: sqlite3.Connection) -> dict[str, Schema]:
     """The usable definitions of the file, by type."""
     return {
         kind: Schema(1, kind, encoding, text.encode())
-        for kind, encoding, text in database.execute(DEFINITIONS).fetchall()
+        for kind, encoding, text in database.execute(DEFINITIONS_QUERY).fetchall()
         if encoding == "ros2msg" and isinstance(kind, str) and isinstance(text, str) and text != ""
     }
 
@@ -157,7 +161,7 @@ def _definitions(database: sqlite3.Connection) -> dict[str, Schema]:
 def _shipped(kind: str) -> Schema:
     """The definition of a standard type; of any other a schema of its name alone."""
     try:
-        text = ros2msg(kind) if TYPE.fullmatch(kind) is not None else None
+        text = ros2msg(kind) if TYPE_NAME_PATTERN.fullmatch(kind) is not None else None
     except FileNotFoundError:
         text = None
     if text is None:
@@ -169,13 +173,13 @@ def _shipped(kind: str) -> Schema:
 
 def _unpacked(data: bytes) -> bytes:
     """A payload; one that makes no sense stays as it is, to be counted as undecodable."""
-    if not data.startswith(ZSTD):
+    if not data.startswith(ZSTD_MAGIC):
         return data
     try:
         size = zstandard.frame_content_size(data)
-        if size == 0 or size > LIMIT:
+        if size == 0 or size > MAX_CHUNK_BYTES:
             return data
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=LIMIT)
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=MAX_CHUNK_BYTES)
     except zstandard.ZstdError:
         return data
 
@@ -192,7 +196,7 @@ def _table(batch: list[tuple[int, int, bytes]]) -> Messages:
     )
 
 
-def _nothing(number: int, count: int) -> Messages:
+def _messages_without_bytes(number: int, count: int) -> Messages:
     zero = np.zeros(count, np.int64)
     return Messages(
         np.empty(0, np.uint8), np.full(count, number, np.int32), zero, zero, zero.astype(np.int32)

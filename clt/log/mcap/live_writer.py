@@ -13,12 +13,12 @@ from typing import Any, BinaryIO, Self
 from mcap.writer import Writer
 
 from clt.log.cdr.schemas import ros2msg
-from clt.log.mcap.write import LIBRARY, PROFILE, QOS
+from clt.log.mcap.write import DEFAULT_QOS, ROS_PROFILE, WRITER_LIBRARY
 
-FLUSH_EVERY = 1.0
+FLUSH_PERIOD_S = 1.0
 
 
-class Stream:
+class LiveWriter:
     """A log being written to `file`, which need not be seekable.
 
     A context manager: leaving it, by Ctrl-C too, completes the log. After any other exception the
@@ -27,9 +27,9 @@ class Stream:
 
     def __init__(self, file: BinaryIO, metadata: Mapping[str, Mapping[str, str]]) -> None:
         self._file = file
-        counted: Any = Counted(file)
+        counted: Any = CountingFile(file)
         self._writer: Any = Writer(counted)
-        self._writer.start(profile=PROFILE, library=LIBRARY)
+        self._writer.start(profile=ROS_PROFILE, library=WRITER_LIBRARY)
         for name, record in metadata.items():
             self._writer.add_metadata(name, dict(record))
         self._schemas: dict[str, int] = {}
@@ -40,13 +40,13 @@ class Stream:
         if schema not in self._schemas:
             text = ros2msg(schema).encode()
             self._schemas[schema] = self._writer.register_schema(schema, "ros2msg", text)
-        qos = {"offered_qos_profiles": QOS}
+        qos = {"offered_qos_profiles": DEFAULT_QOS}
         return int(self._writer.register_channel(topic, "cdr", self._schemas[schema], qos))
 
     def write(self, channel: int, log_time: int, publish_time: int, payload: bytes) -> None:
         """Append one CDR message; times in ns."""
         self._writer.add_message(channel, log_time, payload, publish_time)
-        if time.monotonic() - self._flushed >= FLUSH_EVERY:
+        if time.monotonic() - self._flushed >= FLUSH_PERIOD_S:
             self.flush()
 
     def flush(self) -> None:
@@ -70,7 +70,7 @@ class Stream:
         self._file.flush()
 
 
-class Counted:
+class CountingFile:
     """A file that counts what it was given, because a pipe cannot `tell`."""
 
     def __init__(self, file: BinaryIO) -> None:

@@ -18,18 +18,18 @@ import numpy as np
 from clt.core.errors import LogError
 from clt.log.faults import Faults
 from clt.log.mcap import database
-from clt.log.mcap.bag import Bag, bag_of
-from clt.log.mcap.database import Database, Want
-from clt.log.mcap.packed import Packed, packing_of
-from clt.log.mcap.scan import Channel, Event, Scan
+from clt.log.mcap.bag import Bag, find_bag
+from clt.log.mcap.database import Database, TopicFilter
+from clt.log.mcap.packed import UnpackedFile, detect_packing
+from clt.log.mcap.scan import Channel, LogEvent, McapScan
 from clt.log.mcap.table import Messages
 
 STDIN = Path("-")
-START = 16
+SIGNATURE_BYTES = 16
 """Bytes that show what a file is."""
 
 
-class Scanned(Protocol):
+class LogScan(Protocol):
     """A log as its records; once they have been iterated, `faults` and `sha256` are complete."""
 
     @property
@@ -47,27 +47,27 @@ class Scanned(Protocol):
         """SHA-256 of the whole input."""
         ...
 
-    def __iter__(self) -> Iterator[Event]: ...
+    def __iter__(self) -> Iterator[LogEvent]: ...
 
 
 @dataclass(frozen=True)
-class Unpacked:
+class UnpackedLog:
     """The records of a file that is compressed as a whole."""
 
     name: str
     faults: Faults
     sha256: Callable[[], str]
     """Of the packed file."""
-    records: Iterable[Event]
+    records: Iterable[LogEvent]
 
-    def __iter__(self) -> Iterator[Event]:
+    def __iter__(self) -> Iterator[LogEvent]:
         return iter(self.records)
 
 
-class Joined:
+class JoinedBag:
     """The files of a bag as one log."""
 
-    def __init__(self, folder: Path, bag: Bag, want: Want) -> None:
+    def __init__(self, folder: Path, bag: Bag, want: TopicFilter) -> None:
         self.name = str(folder)
         self.faults = Faults(self.name)
         self.digests: dict[str, str] = {}
@@ -82,18 +82,18 @@ class Joined:
         lines = "".join(f"{digest}  {name}\n" for name, digest in self.digests.items())
         return hashlib.sha256(lines.encode()).hexdigest()
 
-    def __iter__(self) -> Iterator[Event]:
+    def __iter__(self) -> Iterator[LogEvent]:
         for name in self._bag.missing:
             self.faults.add("file", name, "is listed in metadata.yaml, but not there", lost=True)
         base = 0
         for file in self._bag.files:
             end = base
             try:
-                with opened_file(file, self._want) as part:
+                with open_log_file(file, self._want) as part:
                     for event in part:
                         if isinstance(event, Channel):
                             end = max(end, base + event.number + 1)
-                        yield _moved(event, base)
+                        yield _renumbered(event, base)
                     self.faults.absorb(part.faults)
                     self.digests[file.name] = part.sha256()
             except LogError as error:
@@ -104,7 +104,7 @@ class Joined:
             base = end
 
 
-def _moved(event: Event, base: int) -> Event:
+def _renumbered(event: LogEvent, base: int) -> LogEvent:
     """A record under the numbers that channels have in the joined log."""
     match event:
         case Channel():
@@ -116,23 +116,23 @@ def _moved(event: Event, base: int) -> Event:
 
 
 @contextmanager
-def opened(path: Path, want: Want) -> Iterator[Scanned]:
+def open_log(path: Path, want: TopicFilter) -> Iterator[LogScan]:
     """A log: `-` is standard input, a folder the bag in it, a file MCAP or `.db3`, packed or not.
 
     Databases hold only the payloads of topics that `want` names. Raises LogError naming what
     cannot be read.
     """
     if path == STDIN:
-        yield Scan(sys.stdin.buffer, "standard input")
+        yield McapScan(sys.stdin.buffer, "standard input")
     elif path.is_dir():
-        yield Joined(path, bag_of(path), want)
+        yield JoinedBag(path, find_bag(path), want)
     else:
-        with opened_file(path, want) as scanned:
+        with open_log_file(path, want) as scanned:
             yield scanned
 
 
 @contextmanager
-def opened_file(path: Path, want: Want) -> Iterator[Scanned]:
+def open_log_file(path: Path, want: TopicFilter) -> Iterator[LogScan]:
     """One file. Raises LogError where it cannot be opened."""
     try:
         file = path.open("rb", buffering=0)
@@ -140,33 +140,35 @@ def opened_file(path: Path, want: Want) -> Iterator[Scanned]:
         raise LogError(f"{path}: {error.strerror or error}") from None
     with file:
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):  # a pipe can be read only once
-            yield Scan(file, str(path))
+            yield McapScan(file, str(path))
             return
-        start = file.read(START)
+        start = file.read(SIGNATURE_BYTES)
         file.seek(0)
-        packing = packing_of(start)
-        if start == database.MAGIC:
+        packing = detect_packing(start)
+        if start == database.SQLITE_MAGIC:
             yield Database(path, str(path), want)
         elif packing is None:
-            yield Scan(file, str(path))
+            yield McapScan(file, str(path))
         else:
-            with _unpacked(path, Packed(file, packing, str(path)), file, want) as scanned:
+            with _unpacked(path, UnpackedFile(file, packing, str(path)), file, want) as scanned:
                 yield scanned
 
 
 @contextmanager
-def _unpacked(path: Path, packed: Packed, file: BinaryIO, want: Want) -> Iterator[Scanned]:
+def _unpacked(
+    path: Path, packed: UnpackedFile, file: BinaryIO, want: TopicFilter
+) -> Iterator[LogScan]:
     """A packed file; a database is unpacked on disk, for SQLite seeks."""
     name = str(path)
-    start = packed.read(START)
+    start = packed.read(SIGNATURE_BYTES)
     file.seek(0)
     again = packed.again(file)
-    if start == database.MAGIC:
+    if start == database.SQLITE_MAGIC:
         with tempfile.TemporaryDirectory() as folder:
             plain = Path(folder) / "bag.db3"
             again.copy(plain)
             inner = Database(plain, name, want)
-            yield Unpacked(name, inner.faults, again.sha256, inner)
+            yield UnpackedLog(name, inner.faults, again.sha256, inner)
     else:
-        scan = Scan(cast("BinaryIO", again), name)
-        yield Unpacked(name, scan.faults, again.sha256, scan)
+        scan = McapScan(cast("BinaryIO", again), name)
+        yield UnpackedLog(name, scan.faults, again.sha256, scan)

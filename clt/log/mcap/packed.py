@@ -15,25 +15,25 @@ import zstandard
 from clt.core.errors import LogError
 
 Packing = Literal["zstd", "gzip"]
-STARTS: dict[bytes, Packing] = {b"\x28\xb5\x2f\xfd": "zstd", b"\x1f\x8b": "gzip"}
-BLOCK = 1 << 20
-MOST, RATIO = 256 << 20, 200
+PACKING_MAGICS: dict[bytes, Packing] = {b"\x28\xb5\x2f\xfd": "zstd", b"\x1f\x8b": "gzip"}
+COPY_BLOCK_BYTES = 1 << 20
+MAX_UNPACKED_BYTES, MAX_UNPACKING_RATIO = 256 << 20, 200
 """What a file may unpack to: so many bytes, and beyond that so many times its own size."""
 
 
-def packing_of(start: bytes) -> Packing | None:
+def detect_packing(start: bytes) -> Packing | None:
     """How a file is compressed, from its first bytes; None for one that is not."""
-    return next((how for prefix, how in STARTS.items() if start.startswith(prefix)), None)
+    return next((how for prefix, how in PACKING_MAGICS.items() if start.startswith(prefix)), None)
 
 
-class Packed(io.RawIOBase):
+class UnpackedFile(io.RawIOBase):
     """The unpacked bytes of a file, in order; `sha256` is that of the file itself.
 
     Reading raises LogError for damage, and for a file that unpacks to far more than any log does.
     """
 
     def __init__(self, file: BinaryIO, packing: Packing, name: str) -> None:
-        self._file = Hashed(file)
+        self._file = HashedFile(file)
         self._name, self._packing, self._size = name, packing, 0
         raw = cast("BinaryIO", self._file)
         self._stream: BinaryIO = (
@@ -50,27 +50,29 @@ class Packed(io.RawIOBase):
             text = " ".join(str(error).split())
             raise LogError(f"{self._name}: a damaged {self._packing} file: {text}") from None
         self._size += len(data)
-        if self._size > MOST + RATIO * self._file.size:
-            raise LogError(f"{self._name}: unpacks to {RATIO} times its size; unpack it by hand")
+        if self._size > MAX_UNPACKED_BYTES + MAX_UNPACKING_RATIO * self._file.size:
+            raise LogError(
+                f"{self._name}: unpacks to {MAX_UNPACKING_RATIO} times its size; unpack it by hand"
+            )
         return data
 
-    def again(self, file: BinaryIO) -> Packed:
+    def again(self, file: BinaryIO) -> UnpackedFile:
         """The same from the beginning of the rewound `file`."""
-        return Packed(file, self._packing, self._name)
+        return UnpackedFile(file, self._packing, self._name)
 
     def copy(self, path: Path) -> None:
         """Unpack everything into a file."""
         with path.open("wb") as file:
-            shutil.copyfileobj(self, file, BLOCK)
+            shutil.copyfileobj(self, file, COPY_BLOCK_BYTES)
 
     def sha256(self) -> str:
         """Digest of the packed file; reads what is left of it."""
-        while len(self._file.read(BLOCK)) > 0:
+        while len(self._file.read(COPY_BLOCK_BYTES)) > 0:
             pass
         return self._file.digest.hexdigest()
 
 
-class Hashed(io.RawIOBase):
+class HashedFile(io.RawIOBase):
     """A stream that digests what is read from it."""
 
     def __init__(self, file: BinaryIO) -> None:

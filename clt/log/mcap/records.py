@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from clt.core.recording import Attachment, Indices
 
-MAGIC = b"\x89MCAP0\r\n"
-HEAD = struct.Struct("<BQ")
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+RECORD_HEAD = struct.Struct("<BQ")
 """Opcode and length of what follows."""
 
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = range(1, 8)
@@ -62,7 +62,7 @@ class Metadata:
 
 
 @dataclass(frozen=True)
-class Document:
+class AttachmentRecord:
     """An attachment with its times, ns."""
 
     attachment: Attachment
@@ -115,20 +115,20 @@ class Cursor:
         return pairs
 
 
-def header(data: bytes) -> Header:
+def parse_header(data: bytes) -> Header:
     """A Header record."""
     cursor = Cursor(data)
     return Header(cursor.text(), cursor.text())
 
 
-def schema(data: bytes | memoryview) -> Schema:
+def parse_schema(data: bytes | memoryview) -> Schema:
     """A Schema record."""
     cursor = Cursor(data)
     number, name, encoding = cursor.integer(2), cursor.text(), cursor.text()
     return Schema(number, name, encoding, bytes(cursor.take(cursor.integer(4))))
 
 
-def channel(data: bytes | memoryview) -> ChannelRecord:
+def parse_channel(data: bytes | memoryview) -> ChannelRecord:
     """A Channel record."""
     cursor = Cursor(data)
     return ChannelRecord(
@@ -136,13 +136,13 @@ def channel(data: bytes | memoryview) -> ChannelRecord:
     )
 
 
-def metadata(data: bytes) -> Metadata:
+def parse_metadata(data: bytes) -> Metadata:
     """A Metadata record."""
     cursor = Cursor(data)
     return Metadata(cursor.text(), cursor.table())
 
 
-def document(data: bytes) -> Document:
+def parse_attachment(data: bytes) -> AttachmentRecord:
     """An Attachment record, held against its checksum (0: none)."""
     cursor = Cursor(data)
     log_time, create_time = cursor.integer(8), cursor.integer(8)
@@ -151,10 +151,10 @@ def document(data: bytes) -> Document:
     covered = cursor.data[: cursor.at]
     if cursor.integer(4) not in {0, zlib.crc32(covered)}:
         raise DamagedError(f"the checksum of {name!r} does not match")
-    return Document(Attachment(name, media_type, content), log_time, create_time)
+    return AttachmentRecord(Attachment(name, media_type, content), log_time, create_time)
 
 
-def chunk(data: bytes) -> Chunk:
+def parse_chunk(data: bytes) -> Chunk:
     """A Chunk record; its payload is a view of `data`."""
     cursor = Cursor(data)
     cursor.take(16)
@@ -162,7 +162,7 @@ def chunk(data: bytes) -> Chunk:
     return Chunk(size, crc, compression, cursor.take(cursor.integer(8)))
 
 
-def message_index(data: bytes) -> Indices:
+def parse_message_index(data: bytes) -> Indices:
     """The offsets that a MessageIndex record lists, not checked; empty where it is malformed."""
     length = int.from_bytes(data[2:6], "little")
     if len(data) < 6 or length > len(data) - 6 or length % 16 != 0:

@@ -17,13 +17,20 @@ import numpy as np
 from clt.core.errors import LogError
 from clt.log.faults import Faults
 from clt.log.mcap import records
-from clt.log.mcap.byte_source import Source
-from clt.log.mcap.chunk import LIMIT
-from clt.log.mcap.magic import explain
-from clt.log.mcap.record_stream import Frame, Frames
-from clt.log.mcap.records import MAGIC, ChannelRecord, Document, Header, Metadata, Schema
-from clt.log.mcap.resync import Effort, at, sound
-from clt.log.mcap.table import Messages, Narrow
+from clt.log.mcap.byte_source import ByteSource
+from clt.log.mcap.chunk import MAX_CHUNK_BYTES
+from clt.log.mcap.magic import explain_not_mcap
+from clt.log.mcap.record_stream import FileRecord, RecordStream
+from clt.log.mcap.records import (
+    MCAP_MAGIC,
+    AttachmentRecord,
+    ChannelRecord,
+    Header,
+    Metadata,
+    Schema,
+)
+from clt.log.mcap.resync import SearchBudget, is_sound_record, peek_at
+from clt.log.mcap.table import Int32s, Messages
 
 
 @dataclass(frozen=True)
@@ -38,17 +45,17 @@ class Channel:
     metadata: Mapping[str, str]
 
 
-Named = TypeVar("Named", Schema, ChannelRecord)
-Event = Header | Channel | Metadata | Document | Messages
+DefinitionRecord = TypeVar("DefinitionRecord", Schema, ChannelRecord)
+LogEvent = Header | Channel | Metadata | AttachmentRecord | Messages
 
 
 @dataclass
-class Names:
+class FileDefinitions:
     """The schemas and channels of one file, whose ids mean nothing outside it."""
 
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, ChannelRecord] = field(default_factory=dict)
-    number: Narrow = field(default_factory=lambda: np.full(1 << 16, -1, np.int32))
+    number: Int32s = field(default_factory=lambda: np.full(1 << 16, -1, np.int32))
     """Number of each channel id that was given out, else -1."""
     unnamed: dict[int, list[ChannelRecord]] = field(default_factory=dict)
     """Channels whose schema, by its id, has not come yet."""
@@ -57,8 +64,8 @@ class Names:
 
 
 def _behind_header(
-    known: Sequence[Schema | ChannelRecord], frames: Iterable[Frame]
-) -> Iterator[Frame]:
+    known: Sequence[Schema | ChannelRecord], frames: Iterable[FileRecord]
+) -> Iterator[FileRecord]:
     """The frames of a file, with what is known beforehand behind its header."""
     rest = iter(frames)
     first = next(rest, None)
@@ -70,7 +77,7 @@ def _behind_header(
     yield from rest
 
 
-class Scan:
+class McapScan:
     """Iterate it once; after that `faults` and `sha256()` are complete.
 
     `salvage`, where given, holds definitions that are beyond doubt, and a damaged magic is
@@ -86,7 +93,7 @@ class Scan:
         self.name = name
         self._salvage = salvage
         self.faults = Faults(name)
-        self._source = Source(stream, name)
+        self._source = ByteSource(stream, name)
         self._channels = 0
         self._waiting_bytes = 0
 
@@ -94,16 +101,16 @@ class Scan:
         """SHA-256 of the whole input."""
         return self._source.sha256()
 
-    def __iter__(self) -> Iterator[Event]:
+    def __iter__(self) -> Iterator[LogEvent]:
         source = self._source
         if not self._opens():
-            raise LogError(f"{self.name}: {explain(source.peek(16))}")
-        complete, inflated, effort = False, 0, Effort()
+            raise LogError(f"{self.name}: {explain_not_mcap(source.peek(16))}")
+        complete, inflated, effort = False, 0, SearchBudget()
         while self._opens():
-            source.skip(len(MAGIC))
+            source.skip(len(MCAP_MAGIC))
             if complete and source.peek(1) == b"":
                 break
-            frames = Frames(source, self.faults, inflated, effort)
+            frames = RecordStream(source, self.faults, inflated, effort)
             yield from self._file(frames)
             complete, inflated = frames.complete, frames.inflated
         if complete and len(source.peek(1)) > 0:
@@ -113,21 +120,23 @@ class Scan:
     def _opens(self) -> bool:
         """The magic of a file comes next, or, in salvage, what a flipped bit made of it."""
         source = self._source
-        magic = source.peek(len(MAGIC))
-        if magic == MAGIC:
+        magic = source.peek(len(MCAP_MAGIC))
+        if magic == MCAP_MAGIC:
             return True
-        wrong = int.from_bytes(magic, "little") ^ int.from_bytes(MAGIC, "little")
+        wrong = int.from_bytes(magic, "little") ^ int.from_bytes(MCAP_MAGIC, "little")
         if self._salvage is None or wrong.bit_count() > 8:
             return False
-        behind = at(source, len(MAGIC), 1)
-        if behind != bytes([records.HEADER]) or not sound(source, len(MAGIC), Effort()):
+        behind = peek_at(source, len(MCAP_MAGIC), 1)
+        if behind != bytes([records.HEADER]) or not is_sound_record(
+            source, len(MCAP_MAGIC), SearchBudget()
+        ):
             return False
         self.faults.add("magic", f"byte {source.position}", "the magic is damaged; no data is lost")
         return True
 
-    def _file(self, frames: Frames) -> Iterator[Event]:
+    def _file(self, frames: RecordStream) -> Iterator[LogEvent]:
         """One of the joined files; mostly there is one."""
-        names = Names()
+        names = FileDefinitions()
         known, self._salvage = self._salvage or (), None if self._salvage is None else ()
         for frame in _behind_header(known, frames):
             match frame:
@@ -147,7 +156,7 @@ class Scan:
         for messages in names.waiting:
             yield from self._name(names, messages, last=True)
 
-    def _define(self, known: dict[int, Named], new: Named) -> bool:
+    def _define(self, known: dict[int, DefinitionRecord], new: DefinitionRecord) -> bool:
         """Keep the first record of an id, True for that; a different one later is a fault."""
         before = len(known)
         if known.setdefault(new.id, new) != new:
@@ -156,14 +165,14 @@ class Scan:
             self.faults.add("redefined", f"byte {self._source.position}", text, lost=True)
         return len(known) > before
 
-    def _announce(self, names: Names, record: ChannelRecord) -> Iterator[Channel]:
+    def _announce(self, names: FileDefinitions, record: ChannelRecord) -> Iterator[Channel]:
         """A channel, unless its schema is still to come."""
         if record.schema_id == 0 or record.schema_id in names.schemas:
             yield self._number(names, record)
         else:
             names.unnamed.setdefault(record.schema_id, []).append(record)
 
-    def _number(self, names: Names, record: ChannelRecord) -> Channel:
+    def _number(self, names: FileDefinitions, record: ChannelRecord) -> Channel:
         """A channel under the next number, with its schema as far as that is known."""
         number = self._channels
         names.number[record.id] = number
@@ -171,7 +180,9 @@ class Scan:
         schema = names.schemas.get(record.schema_id)
         return Channel(number, record.topic, record.encoding, schema, record.metadata)
 
-    def _name(self, names: Names, messages: Messages, last: bool = False) -> Iterator[Event]:
+    def _name(
+        self, names: FileDefinitions, messages: Messages, last: bool = False
+    ) -> Iterator[LogEvent]:
         """Messages under the numbers of their channels; set aside those of unknown ones."""
         number = names.number[messages.channel]
         known = number >= 0
@@ -181,9 +192,9 @@ class Scan:
         if len(number) > 0:
             yield replace(messages, channel=number)
 
-    def _set_aside(self, names: Names, messages: Messages, last: bool) -> None:
+    def _set_aside(self, names: FileDefinitions, messages: Messages, last: bool) -> None:
         self._waiting_bytes += len(messages.data)
-        if not last and self._waiting_bytes <= LIMIT:
+        if not last and self._waiting_bytes <= MAX_CHUNK_BYTES:
             names.waiting.append(messages)
             return
         count = len(messages.channel)

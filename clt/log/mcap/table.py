@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.core.recording import Indices, Stamps
-from clt.log.mcap.records import CHANNEL, HEAD, MESSAGE, SCHEMA
+from clt.log.mcap.records import CHANNEL, MESSAGE, RECORD_HEAD, SCHEMA
 
 Bytes = NDArray[np.uint8]
-Narrow = NDArray[np.int32]
+Int32s = NDArray[np.int32]
 """Columns of messages are many: no wider than need be."""
 
-ROW = np.dtype(
+MESSAGE_ROW_DTYPE = np.dtype(
     [
         ("opcode", "u1"),
         ("length", "<u8"),
@@ -33,9 +33,9 @@ ROW = np.dtype(
 )
 """A message record before its payload."""
 
-HEAD_ROW = np.dtype([("opcode", "u1"), ("length", "<u8")])
+RECORD_HEAD_DTYPE = np.dtype([("opcode", "u1"), ("length", "<u8")])
 
-STRANGERS = 1 << 16
+MAX_OTHER_RECORDS = 1 << 16
 """As many records of other kinds may stand in one container."""
 
 
@@ -44,11 +44,11 @@ class Messages:
     """Messages in file order, shape (n,); the payloads are `data[offset : offset + length]`."""
 
     data: Bytes
-    channel: Narrow
-    """Id in the file, or `Channel.number` once the scan has named it."""
+    channel: Int32s
+    """Id in the file, or `OutputChannel.number` once the scan has named it."""
     log_time: Stamps
     offset: Indices
-    length: Narrow
+    length: Int32s
 
     def select(self, rows: NDArray[np.bool_] | Indices) -> Messages:
         """Some of the messages, of the same data."""
@@ -62,7 +62,7 @@ class Messages:
 
 
 @dataclass
-class Walk:
+class ContainerRecords:
     """What was found in a container."""
 
     starts: Indices
@@ -73,7 +73,7 @@ class Walk:
     """Where the walk ended; short of the container's end if a record makes no sense."""
 
 
-def gather(data: Bytes, starts: Indices, kind: np.dtype[Any]) -> NDArray[Any]:
+def gather_items(data: Bytes, starts: Indices, kind: np.dtype[Any]) -> NDArray[Any]:
     """One item of `kind` at each of `starts`, shape (n,); the caller checks the bounds.
 
     Whole items are copied as opaque bytes: one strided view and one fancy index, at the speed
@@ -86,28 +86,28 @@ def gather(data: Bytes, starts: Indices, kind: np.dtype[Any]) -> NDArray[Any]:
     return every[starts].view(kind)
 
 
-def find(data: Bytes, hint: Indices) -> Walk:
+def find_records(data: Bytes, hint: Indices) -> ContainerRecords:
     """The records of a container; `hint` are likely offsets of messages, in any order."""
     if len(hint) > 0:
-        walk = _follow(data, np.sort(hint, kind="stable"))
+        walk = _records_by_hint(data, np.sort(hint, kind="stable"))
         if walk is not None:
             return walk
     return walk_records(data.data, 0, len(data))
 
 
-def _follow(data: Bytes, starts: Indices) -> Walk | None:
+def _records_by_hint(data: Bytes, starts: Indices) -> ContainerRecords | None:
     """The records where the hint is right, else None."""
-    if starts[0] < 0 or starts[-1] > len(data) - ROW.itemsize:
+    if starts[0] < 0 or starts[-1] > len(data) - MESSAGE_ROW_DTYPE.itemsize:
         return None
-    heads = gather(data, starts, HEAD_ROW)
+    heads = gather_items(data, starts, RECORD_HEAD_DTYPE)
     length = heads["length"]
     if not np.all(heads["opcode"] == MESSAGE) or not np.all(length <= len(data)):
         return None
-    left = np.concatenate([[0], starts + HEAD.size + length.astype(np.int64)])
+    left = np.concatenate([[0], starts + RECORD_HEAD.size + length.astype(np.int64)])
     right = np.concatenate([starts, [len(data)]])
     if np.any(left > right):
         return None
-    walk = Walk(starts, stop=len(data))
+    walk = ContainerRecords(starts, stop=len(data))
     missed: list[Indices] = []
     for gap in np.flatnonzero(left < right):
         part = walk_records(data.data, int(left[gap]), int(right[gap]))
@@ -120,45 +120,52 @@ def _follow(data: Bytes, starts: Indices) -> Walk | None:
     return walk
 
 
-def walk_records(data: bytes | memoryview, start: int, stop: int, only: int | None = None) -> Walk:
+def walk_records(
+    data: bytes | memoryview, start: int, stop: int, only: int | None = None
+) -> ContainerRecords:
     """The records from `start` on, one by one; ends at a record of another kind than `only`."""
     starts = array("q")
     others = []
     strangers = 0
     at = start
-    unpack = HEAD.unpack_from
-    while at + HEAD.size <= stop:
+    unpack = RECORD_HEAD.unpack_from
+    while at + RECORD_HEAD.size <= stop:
         opcode, length = unpack(data, at)
-        end = at + HEAD.size + length
+        end = at + RECORD_HEAD.size + length
         if end > stop or (only is not None and opcode != only):
             break
         if opcode == MESSAGE:
             starts.append(at)
         else:
             strangers += 1
-            if opcode == 0 or strangers > STRANGERS:
+            if opcode == 0 or strangers > MAX_OTHER_RECORDS:
                 break
             if opcode in {SCHEMA, CHANNEL}:
-                others.append((opcode, at + HEAD.size, end))
+                others.append((opcode, at + RECORD_HEAD.size, end))
         at = end
-    return Walk(np.array(starts, np.int64), others, at)
+    return ContainerRecords(np.array(starts, np.int64), others, at)
 
 
-def table(data: Bytes, starts: Indices) -> tuple[Messages, int]:
+def message_table(data: Bytes, starts: Indices) -> tuple[Messages, int]:
     """The messages whose records begin at `starts`, and how many were too short to be one."""
-    long = gather(data, starts, HEAD_ROW)["length"] >= ROW.itemsize - HEAD.size
+    long = (
+        gather_items(data, starts, RECORD_HEAD_DTYPE)["length"]
+        >= MESSAGE_ROW_DTYPE.itemsize - RECORD_HEAD.size
+    )
     starts = starts[long]
-    rows = gather(data, starts, ROW)
+    rows = gather_items(data, starts, MESSAGE_ROW_DTYPE)
     messages = Messages(
         data,
         rows["channel"].astype(np.int32),
         rows["log_time"].astype(np.int64),
-        starts + ROW.itemsize,
-        rows["length"].astype(np.int32) - np.int32(ROW.itemsize - HEAD.size),
+        starts + MESSAGE_ROW_DTYPE.itemsize,
+        rows["length"].astype(np.int32) - np.int32(MESSAGE_ROW_DTYPE.itemsize - RECORD_HEAD.size),
     )
     return messages, int(np.count_nonzero(~long))
 
 
-def heads(messages: Messages) -> NDArray[Any]:
-    """The records' heads, a ROW each, while `data` still holds them before the payloads."""
-    return gather(messages.data, messages.offset - ROW.itemsize, ROW)
+def message_heads(messages: Messages) -> NDArray[Any]:
+    """The records' heads, a MESSAGE_ROW_DTYPE each, while `data` still holds them before the payloads."""
+    return gather_items(
+        messages.data, messages.offset - MESSAGE_ROW_DTYPE.itemsize, MESSAGE_ROW_DTYPE
+    )

@@ -24,12 +24,12 @@ from clt import __version__
 from clt.core.errors import LogError
 from clt.core.recording import Attachment
 from clt.log.cdr.schemas import ros2msg
-from clt.log.mcap.plan import Channel, Plan
+from clt.log.mcap.plan import OutputChannel, WritePlan
 
-PROFILE = "ros2"
-LIBRARY = f"clt {__version__}"
+ROS_PROFILE = "ros2"
+WRITER_LIBRARY = f"clt {__version__}"
 """Without the versions of what clt is built on, so that they do not change a log's bytes."""
-QOS = """\
+DEFAULT_QOS = """\
 - history: 1
   depth: 10
   reliability: 1
@@ -42,11 +42,11 @@ QOS = """\
 """
 """Keep the last ten, reliable, volatile: what ROS 2 nodes offer by default."""
 
-INDEX = struct.Struct("<BQHI")
+MESSAGE_INDEX_HEAD = struct.Struct("<BQHI")
 """What stands before the pairs (log time, offset) of a message index."""
 
 Compression = Literal["zstd", "lz4", "none"]
-COMPRESS: dict[Compression, Callable[[memoryview], bytes]] = {
+COMPRESSORS: dict[Compression, Callable[[memoryview], bytes]] = {
     "zstd": lambda data: zstandard.compress(data, 3),
     "lz4": lz4.frame.compress,
     "none": bytes,
@@ -55,7 +55,7 @@ COMPRESS: dict[Compression, Callable[[memoryview], bytes]] = {
 
 def write_log(
     file: BinaryIO,
-    channels: Sequence[Channel],
+    channels: Sequence[OutputChannel],
     metadata: Mapping[str, Mapping[str, str]] | None = None,
     attachments: Iterable[Attachment] = (),
     compression: Compression = "zstd",
@@ -73,7 +73,7 @@ def write_log(
         raise LogError(f"log time {begin} ns: MCAP holds none before zero")
     for attachment in attachments:
         writer.attachment(attachment, begin)
-    plan = Plan.of(channels)
+    plan = WritePlan.of(channels)
     for first, last in plan.batches():
         buffer = plan.fill(channels, first, last)
         base = int(plan.start[plan.cuts[first]])
@@ -107,9 +107,9 @@ class _Writer:
 
     def record(self, *parts: records.McapRecord) -> int:
         """Write records; returns their length."""
-        return self.put(_built(parts))
+        return self.put(_record_bytes(parts))
 
-    def start(self, channels: Sequence[Channel]) -> None:
+    def start(self, channels: Sequence[OutputChannel]) -> None:
         """Magic, header, every schema and channel once."""
         names = list(dict.fromkeys(channel.schema for channel in channels))
         self.schemas = [
@@ -121,7 +121,7 @@ class _Writer:
                 number,
                 channel.topic,
                 "cdr",
-                {"offered_qos_profiles": QOS},
+                {"offered_qos_profiles": DEFAULT_QOS},
                 names.index(channel.schema) + 1,
             )
             for number, channel in enumerate(channels, 1)
@@ -132,7 +132,7 @@ class _Writer:
             if channel.log_time.size > 0
         }
         self.put(MCAP0_MAGIC)
-        self.record(records.Header(PROFILE, LIBRARY), *self.schemas, *self.channels)
+        self.record(records.Header(ROS_PROFILE, WRITER_LIBRARY), *self.schemas, *self.channels)
 
     def metadata(self, name: str, record: Mapping[str, str]) -> None:
         offset = self.position
@@ -146,12 +146,12 @@ class _Writer:
         index = records.AttachmentIndex(offset, length, time, time, len(data), name, media_type)
         self.attachments.append(index)
 
-    def chunk(self, plan: Plan, number: int, buffer: memoryview, base: int) -> None:
+    def chunk(self, plan: WritePlan, number: int, buffer: memoryview, base: int) -> None:
         """One chunk and its message indexes; `buffer` starts at byte `base` of all chunks."""
         low, high = plan.cuts[number], plan.cuts[number + 1]
         begin, end = int(plan.start[low]), int(plan.start[high])
         data = buffer[begin - base : end - base]
-        packed = COMPRESS[self.compression](data)
+        packed = COMPRESSORS[self.compression](data)
         times = int(plan.log_time[low]), int(plan.log_time[high - 1])
         name = "" if self.compression == "none" else self.compression
         offset = self.position
@@ -168,10 +168,12 @@ class _Writer:
                 pairs[:, 1] = plan.start[rank[a:b]] - begin
                 places[channel] = at
                 indexes.append(
-                    INDEX.pack(Opcode.MESSAGE_INDEX, pairs.nbytes + 6, channel, pairs.nbytes)
+                    MESSAGE_INDEX_HEAD.pack(
+                        Opcode.MESSAGE_INDEX, pairs.nbytes + 6, channel, pairs.nbytes
+                    )
                 )
                 indexes.append(pairs.tobytes())
-                at += INDEX.size + pairs.nbytes
+                at += MESSAGE_INDEX_HEAD.size + pairs.nbytes
         index_length = self.put(b"".join(indexes))
         self.chunks.append(
             records.ChunkIndex(
@@ -226,7 +228,7 @@ class _Writer:
         )
 
 
-def _built(parts: Iterable[records.McapRecord]) -> bytes:
+def _record_bytes(parts: Iterable[records.McapRecord]) -> bytes:
     builder = RecordBuilder()
     for part in parts:
         part.write(builder)

@@ -24,49 +24,51 @@ from clt.core.recording import (
     Team,
 )
 from clt.core.trig import cos_sin
-from clt.log.cdr.writer import Layout, layout, stamp_columns
-from clt.log.mcap.plan import Channel, Select
+from clt.log.cdr.writer import PayloadLayout, payload_layout, stamp_columns
+from clt.log.mcap.plan import OutputChannel, RowSelection
 
-ODOMETRY = "nav_msgs/msg/Odometry"
-POSE = "geometry_msgs/msg/PoseStamped"
-ESTIMATE = "geometry_msgs/msg/PoseWithCovarianceStamped"
-RANGE = "clt_msgs/msg/Range"
-INNOVATION = "clt_msgs/msg/Innovation"
-PLANAR = np.array([0, 1, 5])
+ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
+POSE_TYPE = "geometry_msgs/msg/PoseStamped"
+ESTIMATE_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+RANGE_TYPE = "clt_msgs/msg/Range"
+INNOVATION_TYPE = "clt_msgs/msg/Innovation"
+PLANAR_INDICES = np.array([0, 1, 5])
 """Where x, y and yaw stand in the six of a ROS 2 covariance."""
 
-Columns = Mapping[str, ArrayLike]
+PayloadColumns = Mapping[str, ArrayLike]
 
 
-def odometry_channel(robot: Robot, odometry: Odometry) -> Channel:
+def odometry_channel(robot: Robot, odometry: Odometry) -> OutputChannel:
     """`/{robot}/odom`: the twist with its covariance; the pose is dead reckoning since start."""
-    form = layout(
-        ODOMETRY,
+    form = payload_layout(
+        ODOMETRY_TYPE,
         {"header.frame_id": f"{robot.name}/odom", "child_frame_id": f"{robot.name}/base_link"},
     )
     topic = f"/{robot.name}/odom"
-    _finite(topic, odometry.v, odometry.omega)
-    x, y, heading = reckon(odometry, mean=robot.twist == "mean")
+    _check_finite(topic, odometry.v, odometry.omega)
+    x, y, heading = integrate_odometry(odometry, mean=robot.twist == "mean")
 
-    def columns(select: Select) -> Columns:
+    def columns(select: RowSelection) -> PayloadColumns:
         return {
             **stamp_columns("header.stamp", odometry.stamp[select]),
             **_pose_columns("pose.pose", x[select], y[select], heading[select]),
             "twist.twist.linear.x": odometry.v[select],
             "twist.twist.angular.z": odometry.omega[select],
-            "twist.covariance": _diagonal(odometry.sigma_v[select], odometry.sigma_omega[select]),
+            "twist.covariance": _twist_covariance(
+                odometry.sigma_v[select], odometry.sigma_omega[select]
+            ),
         }
 
-    return _channel(topic, ODOMETRY, form, odometry.stamp, odometry.log_time, columns)
+    return _channel(topic, ODOMETRY_TYPE, form, odometry.stamp, odometry.log_time, columns)
 
 
-def range_channel(team: Team, source: int, ranges: Ranges) -> Channel:
+def range_channel(team: Team, source: int, ranges: Ranges) -> OutputChannel:
     """`/{robot}/uwb/range`: what the robot with index `source` measured."""
     rows = np.flatnonzero(ranges.source == source)
     robot, ids = team.robots[source], _ids(team)
     stamp, target = ranges.stamp[rows], ids[ranges.target[rows]]
 
-    def columns(select: Select) -> Columns:
+    def columns(select: RowSelection) -> PayloadColumns:
         chosen = rows[select]
         return {
             **stamp_columns("stamp", stamp[select]),
@@ -81,33 +83,35 @@ def range_channel(team: Team, source: int, ranges: Ranges) -> Channel:
         }
 
     topic = f"/{robot.name}/uwb/range"
-    _finite(topic, ranges.range[rows])
-    return _channel(topic, RANGE, layout(RANGE), stamp, ranges.log_time[rows], columns)
+    _check_finite(topic, ranges.range[rows])
+    return _channel(
+        topic, RANGE_TYPE, payload_layout(RANGE_TYPE), stamp, ranges.log_time[rows], columns
+    )
 
 
-def truth_channel(name: str, poses: Poses) -> Channel:
+def truth_channel(name: str, poses: Poses) -> OutputChannel:
     """`/{robot}/ground_truth`, in the reference's own frame."""
-    form = layout(POSE, {"header.frame_id": poses.frame})
+    form = payload_layout(POSE_TYPE, {"header.frame_id": poses.frame})
 
-    def columns(select: Select) -> Columns:
+    def columns(select: RowSelection) -> PayloadColumns:
         return {
             **stamp_columns("header.stamp", poses.stamp[select]),
             **_pose_columns("pose", poses.x[select], poses.y[select], poses.heading[select]),
         }
 
     topic = f"/{name}/ground_truth"
-    _finite(topic, poses.x, poses.y)
-    return _channel(topic, POSE, form, poses.stamp, poses.log_time, columns)
+    _check_finite(topic, poses.x, poses.y)
+    return _channel(topic, POSE_TYPE, form, poses.stamp, poses.log_time, columns)
 
 
-def estimate_channel(topic: str, poses: Poses) -> Channel:
+def estimate_channel(topic: str, poses: Poses) -> OutputChannel:
     """Poses with covariance, of an estimate or of dead reckoning."""
-    form = layout(ESTIMATE, {"header.frame_id": poses.frame})
+    form = payload_layout(ESTIMATE_TYPE, {"header.frame_id": poses.frame})
 
-    def columns(select: Select) -> Columns:
+    def columns(select: RowSelection) -> PayloadColumns:
         covariance = {}
         if poses.covariance is not None:
-            covariance["pose.covariance"] = _six(poses.covariance[select])
+            covariance["pose.covariance"] = _full_covariance(poses.covariance[select])
         return {
             **stamp_columns("header.stamp", poses.stamp[select]),
             **_pose_columns("pose.pose", poses.x[select], poses.y[select], poses.heading[select]),
@@ -115,15 +119,15 @@ def estimate_channel(topic: str, poses: Poses) -> Channel:
         }
 
     known = () if poses.covariance is None else (poses.covariance,)
-    _finite(topic, poses.x, poses.y, poses.heading, *known)
-    return _channel(topic, ESTIMATE, form, poses.stamp, poses.log_time, columns)
+    _check_finite(topic, poses.x, poses.y, poses.heading, *known)
+    return _channel(topic, ESTIMATE_TYPE, form, poses.stamp, poses.log_time, columns)
 
 
-def innovation_channel(team: Team, innovations: Innovations) -> Channel:
+def innovation_channel(team: Team, innovations: Innovations) -> OutputChannel:
     """`/clt/innovation`; its log time is the stamp of the range."""
     ids = _ids(team)
 
-    def columns(select: Select) -> Columns:
+    def columns(select: RowSelection) -> PayloadColumns:
         return {
             **stamp_columns("stamp", innovations.stamp[select]),
             "source": ids[innovations.source[select]],
@@ -135,11 +139,11 @@ def innovation_channel(team: Team, innovations: Innovations) -> Channel:
         }
 
     topic, stamp = "/clt/innovation", innovations.stamp
-    _finite(topic, innovations.residual, innovations.sigma, innovations.nis)
-    return _channel(topic, INNOVATION, layout(INNOVATION), stamp, stamp, columns)
+    _check_finite(topic, innovations.residual, innovations.sigma, innovations.nis)
+    return _channel(topic, INNOVATION_TYPE, payload_layout(INNOVATION_TYPE), stamp, stamp, columns)
 
 
-def reckon(odometry: Odometry, mean: bool) -> tuple[Floats, Floats, Floats]:
+def integrate_odometry(odometry: Odometry, mean: bool) -> tuple[Floats, Floats, Floats]:
     """Pose (x, y, heading) at each stamp from (0, 0, 0) at the first; arcs of constant twist.
 
     `mean`: a sample covers the interval that ends at its stamp; else an interval takes the mean of
@@ -166,21 +170,21 @@ def reckon(odometry: Odometry, mean: bool) -> tuple[Floats, Floats, Floats]:
 def _channel(
     topic: str,
     schema: str,
-    form: Layout,
+    form: PayloadLayout,
     stamp: Stamps,
     log_time: Stamps,
-    columns: Callable[[Select], Columns],
-) -> Channel:
+    columns: Callable[[RowSelection], PayloadColumns],
+) -> OutputChannel:
     """A channel of one payload size; a message was sent when its quantity was true."""
     size = len(form.template)
 
-    def encode(select: Select) -> np.ndarray:
+    def encode(select: RowSelection) -> np.ndarray:
         return form.rows(stamp[select].size, columns(select))
 
-    return Channel(topic, schema, log_time, stamp, np.full(stamp.size, size), encode)
+    return OutputChannel(topic, schema, log_time, stamp, np.full(stamp.size, size), encode)
 
 
-def _finite(topic: str, *columns: Floats) -> None:
+def _check_finite(topic: str, *columns: Floats) -> None:
     """Raise LogError for a NaN or an infinity, which no log of ours may hold."""
     for column in columns:
         good = np.isfinite(column)
@@ -192,7 +196,7 @@ def _ids(team: Team) -> Indices:
     return np.array([robot.id for robot in team.robots], np.int64)
 
 
-def _pose_columns(path: str, x: Floats, y: Floats, heading: Floats) -> Columns:
+def _pose_columns(path: str, x: Floats, y: Floats, heading: Floats) -> PayloadColumns:
     known = np.isfinite(heading)
     cos, sin = cos_sin(np.where(known, heading, 0.0) / 2)
     return {
@@ -203,7 +207,7 @@ def _pose_columns(path: str, x: Floats, y: Floats, heading: Floats) -> Columns:
     }
 
 
-def _diagonal(sigma_v: Floats, sigma_omega: Floats) -> Floats:
+def _twist_covariance(sigma_v: Floats, sigma_omega: Floats) -> Floats:
     """Covariance of a twist, shape (k, 36); what is not known stays 0."""
     covariance = np.zeros((sigma_v.size, 36))
     covariance[:, 0] = np.nan_to_num(sigma_v) ** 2
@@ -211,8 +215,8 @@ def _diagonal(sigma_v: Floats, sigma_omega: Floats) -> Floats:
     return covariance
 
 
-def _six(covariance: Floats) -> Floats:
+def _full_covariance(covariance: Floats) -> Floats:
     """Covariance of (x, y, yaw), shape (k, 3, 3), as that of all six, shape (k, 36)."""
     full = np.zeros((covariance.shape[0], 6, 6))
-    full[:, PLANAR[:, None], PLANAR] = covariance
+    full[:, PLANAR_INDICES[:, None], PLANAR_INDICES] = covariance
     return full.reshape(-1, 36)

@@ -10,13 +10,13 @@ from clt.log.faults import Faults
 
 Mask = NDArray[np.bool_]
 
-BLOCK = 1 << 16
+COMPARED_BLOCK_ROWS = 1 << 16
 """Ranges that are compared with each other at a time, and those of the last one's stamp."""
-MOST = 1e12
+MAX_MEASUREMENT = 1e12
 """No measurement in SI units is larger; squares of what passes are still numbers."""
 
 
-def drop(faults: Faults, place: str, kind: str, bad: Mask, text: str) -> Mask:
+def drop_rows(faults: Faults, place: str, kind: str, bad: Mask, text: str) -> Mask:
     """The rows to keep; the others are a fault that lost data."""
     count = int(np.count_nonzero(bad))
     if count > 0:
@@ -24,16 +24,20 @@ def drop(faults: Faults, place: str, kind: str, bad: Mask, text: str) -> Mask:
     return ~bad
 
 
-def usable(faults: Faults, place: str, good: Mask, *values: Floats, most: float = MOST) -> Indices:
+def usable_rows(
+    faults: Faults, place: str, good: Mask, *values: Floats, most: float = MAX_MEASUREMENT
+) -> Indices:
     """Rows that were decoded and whose values are finite and at most `most` in magnitude."""
-    fits = drop(faults, place, "decode", ~good, "messages do not fit their definition")
+    fits = drop_rows(faults, place, "decode", ~good, "messages do not fit their definition")
     finite, sane = np.ones(len(good), np.bool_), np.ones(len(good), np.bool_)
     for value in values:
         entries = tuple(range(1, value.ndim))
         finite &= np.isfinite(value).all(axis=entries)
         sane &= (np.abs(value) <= most).all(axis=entries)
-    fits &= drop(faults, place, "nan", fits & ~finite, "messages hold NaN or infinite values")
-    fits &= drop(faults, place, "absurd", fits & ~sane, f"messages hold values beyond {most:g}")
+    fits &= drop_rows(faults, place, "nan", fits & ~finite, "messages hold NaN or infinite values")
+    fits &= drop_rows(
+        faults, place, "absurd", fits & ~sane, f"messages hold values beyond {most:g}"
+    )
     return np.flatnonzero(fits)
 
 
@@ -47,14 +51,14 @@ def sorted_rows(faults: Faults, place: str, stamp: Stamps) -> Indices:
     return np.argsort(stamp, kind="stable")
 
 
-def first_of_each(faults: Faults, place: str, stamp: Stamps) -> Mask:
+def first_of_each_stamp(faults: Faults, place: str, stamp: Stamps) -> Mask:
     """The rows to keep of a sorted stream of one robot: the first of each stamp."""
     again = np.zeros(len(stamp), np.bool_)
     again[1:] = np.diff(stamp) == 0
-    return _redundant(faults, place, again, "repeat a stamp")
+    return _drop_repeated(faults, place, again, "repeat a stamp")
 
 
-def distinct(
+def distinct_ranges(
     faults: Faults, stamp: Stamps, source: Indices, target: Indices, value: Floats, robots: int
 ) -> Mask:
     """The ranges to keep of a table sorted by stamp.
@@ -66,14 +70,14 @@ def distinct(
     begin = 0
     while begin < len(stamp):  # block by block, so that memory holds little besides
         end = len(stamp)
-        if end - begin > BLOCK:
-            end = int(np.searchsorted(stamp, stamp[begin + BLOCK], side="right"))
+        if end - begin > COMPARED_BLOCK_ROWS:
+            end = int(np.searchsorted(stamp, stamp[begin + COMPARED_BLOCK_ROWS], side="right"))
         some = slice(begin, end)
         table = (stamp[some], source[some], target[some], value[some])
         again[some], mirrored[some] = _repeated(*table, robots)
         begin = end
-    keep = _redundant(faults, "ranges", again, "repeat the stamp and both ends of another")
-    return keep & _redundant(faults, "ranges", mirrored, "mirror another, A-B as B-A")
+    keep = _drop_repeated(faults, "ranges", again, "repeat the stamp and both ends of another")
+    return keep & _drop_repeated(faults, "ranges", mirrored, "mirror another, A-B as B-A")
 
 
 def _repeated(
@@ -104,7 +108,7 @@ def _repeats(key: Indices, value: Floats | None = None) -> Mask:
     return again
 
 
-def _redundant(faults: Faults, place: str, again: Mask, text: str) -> Mask:
+def _drop_repeated(faults: Faults, place: str, again: Mask, text: str) -> Mask:
     count = int(np.count_nonzero(again))
     if count > 0:
         what = f"{count} of {len(again)} messages {text}; the first was kept"

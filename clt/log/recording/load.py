@@ -14,15 +14,15 @@ from clt.core.recording import Recording
 from clt.log.cdr.msgdef import Struct
 from clt.log.recording import convert, packets, ranging, team_discovery
 from clt.log.recording.clocks import timeline
-from clt.log.recording.fields import fields
-from clt.log.recording.metadata import TEAM, decode_run
-from clt.log.recording.reader import Log, Topic, read
-from clt.log.recording.roles import ALL, Roles, by_file, by_name, role_of
+from clt.log.recording.fields import needed_fields
+from clt.log.recording.metadata import TEAM_RECORD, decode_run
+from clt.log.recording.reader import Log, Topic, read_log
+from clt.log.recording.roles import ALL, TopicRoles, robot_and_role, roles_by_file, roles_by_name
 
 if TYPE_CHECKING:
     from clt.log.recording.mapping.streamsfile import StreamsFile
 
-T = TypeVar("T")
+StreamOrRanges = TypeVar("StreamOrRanges")
 
 __all__ = ["ALL", "LoadedLog", "load"]
 
@@ -59,25 +59,25 @@ def load(
 
     `streams` maps the topics of other people's logs. `want` holds names of
     `clt.log.recording.roles.Role`; what a log lacks is simply absent. `brief` suits those who only
-    count: see `clt.log.recording.ranging.measure`. Faults of the data are counted
+    count: see `clt.log.recording.ranging.read_ranges`. Faults of the data are counted
     in `Recording.faults`.
     Raises LogError where the log as a whole cannot be used, UsageError for a wrong streams file.
     """
     mapped = None if streams is None else _streams_file(streams)
-    named = None if mapped is None else by_file(mapped, want)
+    named = None if mapped is None else roles_by_file(mapped, want)
 
     def paths(topic: str, struct: Struct) -> tuple[str, ...] | None:
-        return fields(named or by_name([topic], want), topic, struct, brief)
+        return needed_fields(named or roles_by_name([topic], want), topic, struct, brief)
 
-    log = read(path, lambda topic, _: _wanted(topic, mapped, want), paths)
+    log = read_log(path, lambda topic, _: _wanted(topic, mapped, want), paths)
     _check_readable(log)
     if mapped is not None:
-        from clt.log.recording.mapping.resolve import resolve  # noqa: PLC0415 - pydantic is slow to import
+        from clt.log.recording.mapping.resolve import resolve_streams  # noqa: PLC0415 - pydantic is slow to import
 
-        mapped = resolve(mapped, log.topics, f"{streams}: {log.name}", log.faults)
-    roles = by_name(log.topics, want) if mapped is None else by_file(mapped, want)
+        mapped = resolve_streams(mapped, log.topics, f"{streams}: {log.name}", log.faults)
+    roles = roles_by_name(log.topics, want) if mapped is None else roles_by_file(mapped, want)
     recording = _recording(log, roles, mapped, brief)
-    clocks = timeline.faults_of(timeline.look(recording), log.name)
+    clocks = timeline.timeline_faults(timeline.find_timeline(recording), log.name)
     recording = replace(recording, faults=(*recording.faults, *clocks))
     return LoadedLog(
         recording,
@@ -88,70 +88,73 @@ def load(
         log.topics,
         roles.topics,
         log.files,
-        any(record.name == TEAM for record in log.metadata),
+        any(record.name == TEAM_RECORD for record in log.metadata),
     )
 
 
 def _streams_file(source: Path | Document) -> StreamsFile:
-    from clt.log.recording.mapping.streamsfile import read_streams  # noqa: PLC0415 - pydantic is slow to import
+    from clt.log.recording.mapping.streamsfile import read_streams_file  # noqa: PLC0415 - pydantic is slow to import
 
-    return read_streams(source)
+    return read_streams_file(source)
 
 
 def _wanted(topic: str, mapped: StreamsFile | None, want: frozenset[str]) -> bool:
     if mapped is not None:
         return mapped.wants(topic)
-    found = role_of(topic)
+    found = robot_and_role(topic)
     return found is not None and found[1] in want
 
 
-def _recording(log: Log, roles: Roles, mapped: StreamsFile | None, brief: bool) -> Recording:
+def _recording(log: Log, roles: TopicRoles, mapped: StreamsFile | None, brief: bool) -> Recording:
     uses = Counter(stream.topic for stream in roles.streams)
-    framed = packets.decode_frames(log, roles.frames)
-    measured: list[tuple[str, ranging.Measured]] = []
+    framed = packets.decode_packets(log, roles.frames)
+    measured: list[tuple[str, ranging.TopicRanges]] = []
 
-    def last(topic: str, found: T) -> T:
+    def last(topic: str, found: StreamOrRanges) -> StreamOrRanges:
         """Forget the messages of a topic that were converted, unless other roles take them too."""
         if uses[topic] == 1:
             log.gathered.release(topic)
         return found
 
     if mapped is not None:
-        team = team_discovery.given(mapped, team_discovery.told(log))
+        team = team_discovery.from_mapping(mapped, team_discovery.from_metadata(log))
     else:
-        told = team_discovery.told(log)
+        told = team_discovery.from_metadata(log)
         if told is None:
-            measured = [(name, ranging.measure(log, one, brief)) for name, one in roles.ranges]
-        team = team_discovery.inferred(log, measured, framed) if told is None else told
-        roles = team_discovery.known_only(log, roles, team)
+            measured = [(name, ranging.read_ranges(log, one, brief)) for name, one in roles.ranges]
+        team = team_discovery.from_topics(log, measured, framed) if told is None else told
+        roles = team_discovery.roles_in_team(log, roles, team)
         if len(team.robots) == 0:
             text = (
                 "no topic is named as clt names them; `clt streams` drafts a file for --streams: "
-                f"{_list(log)}"
+                f"{_topic_list(log)}"
             )
             log.faults.add("unmapped", "topics", text)
     odometry = {
-        name: last(one.topic, convert.odometry(log, one, brief))
+        name: last(one.topic, convert.read_odometry(log, one, brief))
         for name, one in roles.odometry.items()
     }
     truth, estimate, reckoned = (
-        {name: last(one.topic, convert.poses(log, one, known)) for name, one in streams.items()}
+        {
+            name: last(one.topic, convert.read_poses(log, one, known))
+            for name, one in streams.items()
+        }
         for streams, known in (
             (roles.truth, False),
             (roles.estimate, True),
             (roles.dead_reckoning, True),
         )
     )
-    each = (last(one.topic, ranging.measure(log, one, brief)) for _, one in roles.ranges)
-    ranges = ranging.join(log, each if len(measured) == 0 else _taken(measured), team, brief)
+    each = (last(one.topic, ranging.read_ranges(log, one, brief)) for _, one in roles.ranges)
+    ranges = ranging.join_ranges(log, each if len(measured) == 0 else _taken(measured), team, brief)
     found = None
     if roles.innovation is not None:
-        found = ranging.innovations(log, roles.innovation, team)
+        found = ranging.read_innovations(log, roles.innovation, team)
     return Recording(
         team=team,
         odometry={name: twist for name, twist in odometry.items() if len(twist.stamp) > 0},
         ranges=ranges,
-        frames=packets.join_frames(log, [framed[name] for name in roles.frames], team),
+        frames=packets.join_packets(log, [framed[name] for name in roles.frames], team),
         truth={name: poses for name, poses in truth.items() if len(poses.stamp) > 0},
         estimate=estimate,
         dead_reckoning=reckoned,
@@ -162,7 +165,7 @@ def _recording(log: Log, roles: Roles, mapped: StreamsFile | None, brief: bool) 
     )
 
 
-def _taken(measured: list[tuple[str, ranging.Measured]]) -> Iterator[ranging.Measured]:
+def _taken(measured: list[tuple[str, ranging.TopicRanges]]) -> Iterator[ranging.TopicRanges]:
     """Each topic's ranges once, so that memory holds few twice."""
     while len(measured) > 0:
         yield measured.pop(0)[1]
@@ -182,6 +185,6 @@ def _check_readable(log: Log) -> None:
     )
 
 
-def _list(log: Log) -> str:
+def _topic_list(log: Log) -> str:
     shown = [f"{topic.name} ({topic.type})" for topic in log.topics.values()]
     return ", ".join(shown[:8]) + (f" and {len(shown) - 8} more" if len(shown) > 8 else "")

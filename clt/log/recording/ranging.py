@@ -12,25 +12,29 @@ import numpy as np
 from clt.core.errors import LogError
 from clt.core.recording import Floats, Indices, Innovations, Ranges, Stamps, Team, no_ranges
 from clt.log.cdr.msgdef import Struct
-from clt.log.cdr.paths import PathError, resolve
+from clt.log.cdr.paths import PathError, resolve_path
 from clt.log.faults import Faults
 from clt.log.recording import cleaning
-from clt.log.recording.convert import Table, deviation, table
+from clt.log.recording.convert import DecodedTopic, decode_topic, sigma_of_variance
 from clt.log.recording.reader import Log
-from clt.log.recording.roles import RangeStream
+from clt.log.recording.roles import RangeTopic
 
-OURS = "clt_msgs/Range"
-ALL_OURS = ("sequence", "source", "target", "range", "raw_range", "sigma")
-INNOVATION = ("source", "target", "accepted", "residual", "sigma", "nis")
-FIELDS = {"sensor_msgs/Range": "range", "std_msgs/Float32": "data", "std_msgs/Float64": "data"}
+CLT_RANGE_TYPE = "clt_msgs/Range"
+CLT_RANGE_FIELDS = ("sequence", "source", "target", "range", "raw_range", "sigma")
+INNOVATION_FIELDS = ("source", "target", "accepted", "residual", "sigma", "nis")
+RANGE_FIELD_BY_TYPE = {
+    "sensor_msgs/Range": "range",
+    "std_msgs/Float32": "data",
+    "std_msgs/Float64": "data",
+}
 
 
 @dataclass(frozen=True)
-class Measured:
+class TopicRanges:
     """One topic's ranges before ids become robots; a constant end is a robot's name."""
 
-    stream: RangeStream
-    data: Table
+    stream: RangeTopic
+    data: DecodedTopic
     raw: Floats
     range: Floats
     sigma: Floats
@@ -39,26 +43,26 @@ class Measured:
     target: Indices | str
 
 
-def measure(log: Log, stream: RangeStream, brief: bool = False) -> Measured:
+def read_ranges(log: Log, stream: RangeTopic, brief: bool = False) -> TopicRanges:
     """Decode one topic of ranges. Raises LogError where the type needs more than is given.
 
     `brief` leaves out of clt_msgs/Range what counting and checking it does not take: raw ranges
     stand for themselves, noise is unknown, sequence numbers are 0.
     """
     struct = log.struct(stream.topic)
-    if struct.name == OURS and stream.field is None:
-        return _counted(log, stream) if brief else _ours(log, stream)
-    path = stream.field or FIELDS.get(struct.name)
+    if struct.name == CLT_RANGE_TYPE and stream.field is None:
+        return _read_clt_ranges_brief(log, stream) if brief else _read_clt_ranges(log, stream)
+    path = stream.field or RANGE_FIELD_BY_TYPE.get(struct.name)
     if path is None:
         raise LogError(f"{log.name}: {stream.topic}: name the `field` of {struct.name} to read")
     if stream.source is None or stream.target is None:
         place = f"{log.name}: {stream.topic}"
         raise LogError(f"{place}: {struct.name} tells no ends; name source and target")
     noise = range_paths(struct, stream, brief)[1:]
-    data = table(log, stream.topic, [path, *noise], stream.log_time)
+    data = decode_topic(log, stream.topic, [path, *noise], stream.log_time)
     raw = data.floats(path)
-    told = deviation(data.floats("variance")) if noise else np.full(len(raw), np.nan)
-    return Measured(
+    told = sigma_of_variance(data.floats("variance")) if noise else np.full(len(raw), np.nan)
+    return TopicRanges(
         stream,
         data,
         raw,
@@ -70,29 +74,33 @@ def measure(log: Log, stream: RangeStream, brief: bool = False) -> Measured:
     )
 
 
-def range_paths(struct: Struct, stream: RangeStream, brief: bool) -> list[str]:
-    """Paths of what `measure` reads besides the stamp; none for a type that needs a `field`."""
-    if struct.name == OURS and stream.field is None:
+def range_paths(struct: Struct, stream: RangeTopic, brief: bool) -> list[str]:
+    """Paths of what `read_ranges` reads besides the stamp; none for a type that needs a `field`."""
+    if struct.name == CLT_RANGE_TYPE and stream.field is None:
         raw = (stream.gain, stream.offset) != (1.0, 0.0)
-        return ["source", "target", "raw_range" if raw else "range"] if brief else list(ALL_OURS)
-    path = stream.field or FIELDS.get(struct.name)
+        return (
+            ["source", "target", "raw_range" if raw else "range"]
+            if brief
+            else list(CLT_RANGE_FIELDS)
+        )
+    path = stream.field or RANGE_FIELD_BY_TYPE.get(struct.name)
     if path is None:
         return []
     try:
-        variance = resolve(struct, "variance").kind == "f4"
+        variance = resolve_path(struct, "variance").kind == "f4"
     except PathError:
         variance = False
     return [path, *(["variance"] if struct.name == "sensor_msgs/Range" and variance else [])]
 
 
-def _ours(log: Log, stream: RangeStream) -> Measured:
+def _read_clt_ranges(log: Log, stream: RangeTopic) -> TopicRanges:
     """clt_msgs/Range; its own calibration stands unless the streams file gives another."""
-    data = table(log, stream.topic, list(ALL_OURS), stream.log_time)
+    data = decode_topic(log, stream.topic, list(CLT_RANGE_FIELDS), stream.log_time)
     raw, value, told = (data.floats(name) for name in ("raw_range", "range", "sigma"))
     if (stream.gain, stream.offset) != (1.0, 0.0):
         value = stream.gain * raw + stream.offset
-    sequence, source, target = (data.integers(name) for name in ALL_OURS[:3])
-    return Measured(
+    sequence, source, target = (data.integers(name) for name in CLT_RANGE_FIELDS[:3])
+    return TopicRanges(
         stream,
         data,
         raw,
@@ -104,13 +112,13 @@ def _ours(log: Log, stream: RangeStream) -> Measured:
     )
 
 
-def _counted(log: Log, stream: RangeStream) -> Measured:
+def _read_clt_ranges_brief(log: Log, stream: RangeTopic) -> TopicRanges:
     """clt_msgs/Range without what only an estimator needs."""
     given = (stream.gain, stream.offset) != (1.0, 0.0)
     names = range_paths(log.struct(stream.topic), stream, brief=True)
-    data = table(log, stream.topic, names, stream.log_time)
+    data = decode_topic(log, stream.topic, names, stream.log_time)
     raw = data.floats(names[2])
-    return Measured(
+    return TopicRanges(
         stream,
         data,
         raw,
@@ -122,20 +130,22 @@ def _counted(log: Log, stream: RangeStream) -> Measured:
     )
 
 
-def _sigma(stream: RangeStream, told: Floats) -> Floats:
+def _sigma(stream: RangeTopic, told: Floats) -> Floats:
     if stream.sigma is not None:
         return np.full(len(told), stream.sigma)
     return np.where(np.isfinite(told) & (told > 0.0), told, np.nan)
 
 
-def join(log: Log, measured: Iterable[Measured], team: Team, brief: bool = False) -> Ranges:
+def join_ranges(
+    log: Log, measured: Iterable[TopicRanges], team: Team, brief: bool = False
+) -> Ranges:
     """All topics as one table sorted by stamp; what is wrong is counted and dropped.
 
     `brief`: robots are narrow integers.
     """
     width = 5 if brief else 8
     robots = np.min_scalar_type(-len(team.robots) - 1) if brief else np.dtype(np.int64)
-    parts = [list(_part(log.faults, one, team, robots)[:width]) for one in measured]
+    parts = [list(_usable_ranges(log.faults, one, team, robots)[:width]) for one in measured]
     if len(parts) == 0:
         return no_ranges()
     columns: list[Any] = []
@@ -148,7 +158,9 @@ def join(log: Log, measured: Iterable[Measured], team: Team, brief: bool = False
         columns[place] = columns[place][order]
     del order
     stamp, _, source, target, value, *_ = columns
-    keep = cleaning.distinct(log.faults, stamp, source, target, value, robots=len(team.robots))
+    keep = cleaning.distinct_ranges(
+        log.faults, stamp, source, target, value, robots=len(team.robots)
+    )
     if not keep.all():
         columns = [column[keep] for column in columns]
     if brief:
@@ -158,21 +170,21 @@ def join(log: Log, measured: Iterable[Measured], team: Team, brief: bool = False
     return Ranges(*columns)
 
 
-def _part(
-    faults: Faults, one: Measured, team: Team, robots: np.dtype[Any]
+def _usable_ranges(
+    faults: Faults, one: TopicRanges, team: Team, robots: np.dtype[Any]
 ) -> tuple[Stamps | Indices | Floats, ...]:
     """The usable rows of one topic as columns, in the order of their stamps."""
     data = one.data
-    source = _ends(team, one.source, len(one.raw)).astype(robots, copy=False)
-    target = _ends(team, one.target, len(one.raw)).astype(robots, copy=False)
-    rows = cleaning.usable(faults, data.place, data.decoded.good, one.range)
+    source = _end_indices(team, one.source, len(one.raw)).astype(robots, copy=False)
+    target = _end_indices(team, one.target, len(one.raw)).astype(robots, copy=False)
+    rows = cleaning.usable_rows(faults, data.place, data.decoded.good, one.range)
     strange = (source[rows] < 0) | (target[rows] < 0)
     rows = rows[
-        cleaning.drop(faults, data.place, "unknown", strange, "ranges name an unknown robot")
+        cleaning.drop_rows(faults, data.place, "unknown", strange, "ranges name an unknown robot")
     ]
     alone = source[rows] == target[rows]
     rows = rows[
-        cleaning.drop(faults, data.place, "self", alone, "ranges go from a robot to itself")
+        cleaning.drop_rows(faults, data.place, "self", alone, "ranges go from a robot to itself")
     ]
     rows = rows[cleaning.sorted_rows(faults, data.place, data.stamp[rows])]
     ends = (data.stamp, data.messages.log_time, source, target)
@@ -182,11 +194,11 @@ def _part(
     return tuple(column[rows] for column in columns)
 
 
-def _ends(team: Team, end: Indices | str, count: int) -> Indices:
+def _end_indices(team: Team, end: Indices | str, count: int) -> Indices:
     """Indices of robots, -1 for an id that nobody has."""
     if isinstance(end, str):
         return np.full(count, team.index(end))
-    return of_ids(team, end)
+    return robot_indices(team, end)
 
 
 @functools.lru_cache(maxsize=4)  # every topic asks
@@ -199,7 +211,7 @@ def index_of_id(team: Team) -> Indices:
     return index
 
 
-def of_ids(team: Team, ids: Indices) -> Indices:
+def robot_indices(team: Team, ids: Indices) -> Indices:
     """Indices of the robots with these ids, -1 for an id that nobody has."""
     known = (ids >= 0) & (ids < 1 << 16)
     if known.all():
@@ -207,21 +219,25 @@ def of_ids(team: Team, ids: Indices) -> Indices:
     return np.where(known, index_of_id(team)[np.where(known, ids, 0)], -1)
 
 
-def innovations(log: Log, topic: str, team: Team) -> Innovations:
+def read_innovations(log: Log, topic: str, team: Team) -> Innovations:
     """What a filter made of each range."""
     if log.struct(topic).name != "clt_msgs/Innovation":
         raise LogError(f"{log.name}: {topic}: {log.topics[topic].type} is not clt_msgs/Innovation")
-    data = table(log, topic, list(INNOVATION), log_time=False)
-    source, target = (of_ids(team, data.integers(name)) for name in INNOVATION[:2])
-    residual, sigma, nis = (data.floats(name) for name in INNOVATION[3:])
+    data = decode_topic(log, topic, list(INNOVATION_FIELDS), log_time=False)
+    source, target = (robot_indices(team, data.integers(name)) for name in INNOVATION_FIELDS[:2])
+    residual, sigma, nis = (data.floats(name) for name in INNOVATION_FIELDS[3:])
     good = data.decoded.good
-    rows = cleaning.usable(log.faults, topic, good, residual, sigma, nis / cleaning.MOST)
+    rows = cleaning.usable_rows(
+        log.faults, topic, good, residual, sigma, nis / cleaning.MAX_MEASUREMENT
+    )
     wrong = (sigma[rows] <= 0.0) | (nis[rows] < 0.0)
     rows = rows[
-        cleaning.drop(log.faults, topic, "absurd", wrong, "rows hold a sigma or NIS below 0")
+        cleaning.drop_rows(log.faults, topic, "absurd", wrong, "rows hold a sigma or NIS below 0")
     ]
     strange = (source[rows] < 0) | (target[rows] < 0)
-    rows = rows[cleaning.drop(log.faults, topic, "unknown", strange, "rows name an unknown robot")]
+    rows = rows[
+        cleaning.drop_rows(log.faults, topic, "unknown", strange, "rows name an unknown robot")
+    ]
     rows = rows[cleaning.sorted_rows(log.faults, topic, data.stamp[rows])]
     return Innovations(
         data.stamp[rows],

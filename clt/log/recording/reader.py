@@ -9,15 +9,15 @@ from pathlib import Path
 from clt.core.errors import LogError
 from clt.core.recording import Attachment
 from clt.log.cdr import batch_decoder
-from clt.log.cdr.message_buffer import Gathered
-from clt.log.cdr.msgdef import DefinitionError, Struct, parse, short
+from clt.log.cdr.message_buffer import MessageBuffer
+from clt.log.cdr.msgdef import DefinitionError, Struct, parse_definition, short_type_name
 from clt.log.faults import Faults
-from clt.log.mcap.opened import Joined, Scanned, opened
-from clt.log.mcap.records import Document, Header, Metadata
+from clt.log.mcap.opened import JoinedBag, LogScan, open_log
+from clt.log.mcap.records import AttachmentRecord, Header, Metadata
 from clt.log.mcap.scan import Channel
 from clt.log.mcap.table import Messages
 
-Fields = Callable[[str, Struct], Sequence[str] | None]
+FieldSelector = Callable[[str, Struct], Sequence[str] | None]
 """Topic and type to the fields that will be decoded; None: keep the messages whole."""
 
 
@@ -34,7 +34,7 @@ class Topic:
     def type(self) -> str:
         """`package/Type`; empty where the log does not tell."""
         schema = self.channels[0].schema
-        return "" if schema is None else short(schema.name)
+        return "" if schema is None else short_type_name(schema.name)
 
     @property
     def readable(self) -> bool:
@@ -58,7 +58,7 @@ class Log:
     attachments: tuple[Attachment, ...]
     faults: Faults
     sha256: str
-    gathered: Gathered
+    gathered: MessageBuffer
     files: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of each file of a bag's folder, by name."""
 
@@ -77,11 +77,13 @@ class Log:
                 f"`{self.header.profile}`, schema {told}); clt reads ROS 2 CDR with ros2msg schemas"
             )
         try:
-            return parse(schema.name, schema.data.decode("utf-8"))
+            return parse_definition(schema.name, schema.data.decode("utf-8"))
         except (DefinitionError, UnicodeDecodeError) as error:
             raise LogError(f"{self.name}: {topic}: definition of {schema.name}: {error}") from None
 
-    def decode(self, topic: str, paths: Sequence[str]) -> tuple[Messages, batch_decoder.Decoded]:
+    def decode(
+        self, topic: str, paths: Sequence[str]
+    ) -> tuple[Messages, batch_decoder.DecodedColumns]:
         """A wanted topic's messages and the named fields of each.
 
         Raises LogError for a definition that makes no sense, PathError for an unknown field.
@@ -90,10 +92,12 @@ class Log:
         if found is not None:
             return found
         struct, messages = self.struct(topic), self.messages(topic)
-        return messages, batch_decoder.decode(messages, struct, paths, self.gathered.budget)
+        return messages, batch_decoder.decode_columns(messages, struct, paths, self.gathered.budget)
 
 
-def read(path: Path, want: Callable[[str, str], bool], fields: Fields | None = None) -> Log:
+def read_log(
+    path: Path, want: Callable[[str, str], bool], fields: FieldSelector | None = None
+) -> Log:
     """Read a log; `-` is standard input, a folder the bag in it.
 
     `fields` names what `Log.decode` will be asked for, so that messages need not be held whole.
@@ -102,25 +106,27 @@ def read(path: Path, want: Callable[[str, str], bool], fields: Fields | None = N
     Raises LogError naming the file: missing, empty, no log, without messages.
     """
     try:
-        with opened(path, want) as scan:
-            return _read(scan, want, fields)
+        with open_log(path, want) as scan:
+            return _read_scan(scan, want, fields)
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from None
     except MemoryError:
         raise LogError(f"{path}: memory ran out while reading it") from None
 
 
-def _read(scan: Scanned, want: Callable[[str, str], bool], fields: Fields | None) -> Log:
+def _read_scan(
+    scan: LogScan, want: Callable[[str, str], bool], fields: FieldSelector | None
+) -> Log:
     header = Header("", "")
     channels: list[Channel] = []
     metadata: list[Metadata] = []
     attachments: list[Attachment] = []
-    gathered = Gathered()
+    gathered = MessageBuffer()
     for event in scan:
         match event:
             case Channel():
                 channels.append(event)
-                name = "" if event.schema is None else short(event.schema.name)
+                name = "" if event.schema is None else short_type_name(event.schema.name)
                 keep = want(event.topic, name)
                 plan = _plan(event, fields) if keep and fields is not None else None
                 gathered.add_channel(keep, event.topic, plan)
@@ -128,14 +134,14 @@ def _read(scan: Scanned, want: Callable[[str, str], bool], fields: Fields | None
                 gathered.add(event)
             case Metadata():
                 metadata.append(event)
-            case Document():
+            case AttachmentRecord():
                 attachments.append(event.attachment)
             case Header():
                 header = event if header == Header("", "") else header
     topics = _topics(channels, gathered)
     faults = scan.faults
     if sum(topic.count for topic in topics.values()) == 0:
-        raise LogError(_nothing(scan))
+        raise LogError(_no_messages_text(scan))
     return Log(
         scan.name,
         header,
@@ -145,24 +151,24 @@ def _read(scan: Scanned, want: Callable[[str, str], bool], fields: Fields | None
         faults,
         scan.sha256(),
         gathered.packed(),
-        scan.digests if isinstance(scan, Joined) else {},
+        scan.digests if isinstance(scan, JoinedBag) else {},
     )
 
 
-def _plan(channel: Channel, fields: Fields) -> tuple[Struct, Sequence[str]] | None:
+def _plan(channel: Channel, fields: FieldSelector) -> tuple[Struct, Sequence[str]] | None:
     """The type of a channel and the fields to decode; None where that cannot be said."""
     schema = channel.schema
     if schema is None or (channel.encoding, schema.encoding) != ("cdr", "ros2msg"):
         return None
     try:
-        struct = parse(schema.name, schema.data.decode("utf-8"))
+        struct = parse_definition(schema.name, schema.data.decode("utf-8"))
     except (DefinitionError, UnicodeDecodeError):
         return None
     paths = fields(channel.topic, struct)
     return None if paths is None else (struct, paths)
 
 
-def _topics(channels: Sequence[Channel], gathered: Gathered) -> dict[str, Topic]:
+def _topics(channels: Sequence[Channel], gathered: MessageBuffer) -> dict[str, Topic]:
     """Topics by name; a topic may have several channels, as in joined files."""
     found: dict[str, list[Channel]] = {}
     for channel in channels:
@@ -173,7 +179,7 @@ def _topics(channels: Sequence[Channel], gathered: Gathered) -> dict[str, Topic]
     }
 
 
-def _nothing(scan: Scanned) -> str:
+def _no_messages_text(scan: LogScan) -> str:
     faults = scan.faults.all()
     why = "" if len(faults) == 0 else f" ({faults[0].text.removeprefix(scan.name + ': ')})"
     return f"{scan.name}: the log has no messages{why}"

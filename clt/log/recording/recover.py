@@ -11,15 +11,15 @@ from mcap.writer import Writer
 
 from clt.core.errors import LogError
 from clt.core.recording import Fault
-from clt.log.mcap.definitions import definitions
-from clt.log.mcap.live_writer import Counted
-from clt.log.mcap.records import Document, Header, Metadata, Schema
-from clt.log.mcap.scan import Channel, Scan
-from clt.log.mcap.table import Messages, heads
+from clt.log.mcap.definitions import summary_definitions
+from clt.log.mcap.live_writer import CountingFile
+from clt.log.mcap.records import AttachmentRecord, Header, Metadata, Schema
+from clt.log.mcap.scan import Channel, McapScan
+from clt.log.mcap.table import Messages, message_heads
 
 
 @dataclass
-class Recovered:
+class SalvagedLog:
     """What was saved."""
 
     messages: int = 0
@@ -29,7 +29,7 @@ class Recovered:
     faults: tuple[Fault, ...] = field(default=())
 
 
-def recover(path: Path, file: BinaryIO) -> Recovered:
+def salvage_log(path: Path, file: BinaryIO) -> SalvagedLog:
     """Copy every sound record of the log at `path` (`-`: standard input) into `file`.
 
     Any profile and encoding; `file` need not be seekable. Schemas and channels are taken from the
@@ -37,16 +37,16 @@ def recover(path: Path, file: BinaryIO) -> Recovered:
     MCAP file at all or nothing of it can be saved.
     """
     if path == Path("-"):
-        return _recover(Scan(sys.stdin.buffer, "standard input", ()), file)
+        return _salvage(McapScan(sys.stdin.buffer, "standard input", ()), file)
     try:
         source = path.open("rb", buffering=0)
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from None
     with source:
-        return _recover(Scan(source, str(path), definitions(source)), file)
+        return _salvage(McapScan(source, str(path), summary_definitions(source)), file)
 
 
-def _recover(scan: Scan, file: BinaryIO) -> Recovered:
+def _salvage(scan: McapScan, file: BinaryIO) -> SalvagedLog:
     copy = _Copy(file)
     for event in scan:
         copy.add(event)
@@ -61,14 +61,14 @@ class _Copy:
     """The log being written, its ids given out anew."""
 
     def __init__(self, file: BinaryIO) -> None:
-        counted: Any = Counted(file)
+        counted: Any = CountingFile(file)
         self.writer: Any = Writer(counted)
-        self.saved = Recovered()
+        self.saved = SalvagedLog()
         self._started = False
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._channels: list[int] = []
 
-    def add(self, event: Header | Channel | Metadata | Document | Messages) -> None:
+    def add(self, event: Header | Channel | Metadata | AttachmentRecord | Messages) -> None:
         """Write one event of the scan."""
         if not self._started:
             header = event if isinstance(event, Header) else Header("", "")
@@ -84,7 +84,7 @@ class _Copy:
             case Metadata():
                 self.saved.documents += 1
                 self.writer.add_metadata(event.name, dict(event.record))
-            case Document():
+            case AttachmentRecord():
                 self.saved.documents += 1
                 item = event.attachment
                 self.writer.add_attachment(
@@ -107,7 +107,7 @@ class _Copy:
 
     def _messages(self, messages: Messages) -> None:
         view = messages.data.data
-        head = heads(messages)
+        head = message_heads(messages)
         table = (
             messages.channel.tolist(),
             head["sequence"].tolist(),

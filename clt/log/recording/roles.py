@@ -13,13 +13,13 @@ if TYPE_CHECKING:
 Role = Literal["odometry", "ranges", "frames", "truth", "estimate", "dead_reckoning", "innovations"]
 ALL: frozenset[str] = frozenset(get_args(Role))
 
-INNOVATION = "/clt/innovation"
-OURS = re.compile(
+INNOVATION_TOPIC = "/clt/innovation"
+CLT_TOPIC_PATTERN = re.compile(
     r"/(?P<robot>[A-Za-z]\w*)/"
     r"(?P<leaf>odom|uwb/range|uwb/frame|ground_truth|estimate|dead_reckoning)",
     re.ASCII,
 )
-LEAVES: dict[str, Role] = {
+ROLE_BY_LEAF: dict[str, Role] = {
     "odom": "odometry",
     "uwb/range": "ranges",
     "uwb/frame": "frames",
@@ -30,7 +30,7 @@ LEAVES: dict[str, Role] = {
 
 
 @dataclass(frozen=True)
-class Stream:
+class StreamTopic:
     """One robot's topic."""
 
     topic: str
@@ -39,7 +39,7 @@ class Stream:
 
 
 @dataclass(frozen=True)
-class RangeStream:
+class RangeTopic:
     """A topic of ranges; `source` and `target` None where the messages tell."""
 
     topic: str
@@ -53,20 +53,20 @@ class RangeStream:
 
 
 @dataclass(frozen=True)
-class Roles:
+class TopicRoles:
     """Topics by role; mappings go from a robot's name to its topic."""
 
-    odometry: dict[str, Stream] = field(default_factory=dict)
-    truth: dict[str, Stream] = field(default_factory=dict)
-    estimate: dict[str, Stream] = field(default_factory=dict)
-    dead_reckoning: dict[str, Stream] = field(default_factory=dict)
-    ranges: tuple[tuple[str, RangeStream], ...] = ()
+    odometry: dict[str, StreamTopic] = field(default_factory=dict)
+    truth: dict[str, StreamTopic] = field(default_factory=dict)
+    estimate: dict[str, StreamTopic] = field(default_factory=dict)
+    dead_reckoning: dict[str, StreamTopic] = field(default_factory=dict)
+    ranges: tuple[tuple[str, RangeTopic], ...] = ()
     """Robot (or the topic, where a file names it) and stream."""
     innovation: str | None = None
-    frames: dict[str, Stream] = field(default_factory=dict)
+    frames: dict[str, StreamTopic] = field(default_factory=dict)
 
     @property
-    def streams(self) -> list[Stream | RangeStream]:
+    def streams(self) -> list[StreamTopic | RangeTopic]:
         """The topics of all roles but innovations, one per role."""
         robots = (self.odometry, self.truth, self.estimate, self.dead_reckoning, self.frames)
         named = [stream for streams in robots for stream in streams.values()]
@@ -79,15 +79,15 @@ class Roles:
         return frozenset(topics if self.innovation is None else {*topics, self.innovation})
 
 
-def role_of(topic: str) -> tuple[str, Role] | None:
+def robot_and_role(topic: str) -> tuple[str, Role] | None:
     """Robot and role of a topic by clt's names; None for a stranger."""
-    if topic == INNOVATION:
+    if topic == INNOVATION_TOPIC:
         return "", "innovations"
-    match = OURS.fullmatch(topic)
-    return None if match is None else (match["robot"], LEAVES[match["leaf"]])
+    match = CLT_TOPIC_PATTERN.fullmatch(topic)
+    return None if match is None else (match["robot"], ROLE_BY_LEAF[match["leaf"]])
 
 
-def natural(text: str) -> list[tuple[int, str]]:
+def natural_key(text: str) -> list[tuple[int, str]]:
     """Sort key that counts as people do: R2 before R10."""
     parts = re.split(r"([0-9]+)", text)
     numbers = (part.lstrip("0") for part in parts[1::2])
@@ -96,24 +96,24 @@ def natural(text: str) -> list[tuple[int, str]]:
     return keys
 
 
-def by_name(topics: Iterable[str], want: frozenset[str]) -> Roles:
+def roles_by_name(topics: Iterable[str], want: frozenset[str]) -> TopicRoles:
     """The wanted roles among topics named as clt names them."""
-    roles = Roles()
+    roles = TopicRoles()
     ranges = []
     innovation = None
-    for topic in sorted(topics, key=natural):
-        found = role_of(topic)
+    for topic in sorted(topics, key=natural_key):
+        found = robot_and_role(topic)
         if found is None or found[1] not in want:
             continue
         robot, role = found
         match role:
             case "ranges":
-                ranges.append((robot, RangeStream(topic)))
+                ranges.append((robot, RangeTopic(topic)))
             case "innovations":
                 innovation = topic
             case _:
-                getattr(roles, role)[robot] = Stream(topic)
-    return Roles(
+                getattr(roles, role)[robot] = StreamTopic(topic)
+    return TopicRoles(
         roles.odometry,
         roles.truth,
         roles.estimate,
@@ -124,19 +124,19 @@ def by_name(topics: Iterable[str], want: frozenset[str]) -> Roles:
     )
 
 
-def by_file(streams: StreamsFile, want: frozenset[str]) -> Roles:
+def roles_by_file(streams: StreamsFile, want: frozenset[str]) -> TopicRoles:
     """The wanted roles as a streams file gives them."""
     odometry, truth = {}, {}
     for name, robot in streams.robots.items():
         log_time = (robot.stamp or streams.stamp) == "log_time"
         if robot.odometry is not None and "odometry" in want:
-            odometry[name] = Stream(robot.odometry, log_time)
+            odometry[name] = StreamTopic(robot.odometry, log_time)
         if robot.ground_truth is not None and "truth" in want:
-            truth[name] = Stream(robot.ground_truth, log_time)
+            truth[name] = StreamTopic(robot.ground_truth, log_time)
     ranges = [
         (
             entry.topic,
-            RangeStream(
+            RangeTopic(
                 entry.topic,
                 entry.source,
                 entry.target,
@@ -150,4 +150,4 @@ def by_file(streams: StreamsFile, want: frozenset[str]) -> Roles:
         for entry in streams.ranges
         if "ranges" in want
     ]
-    return Roles(odometry, truth, ranges=tuple(ranges))
+    return TopicRoles(odometry, truth, ranges=tuple(ranges))

@@ -8,7 +8,7 @@ from typing import BinaryIO
 import numpy as np
 
 from clt.core.recording import Recording
-from clt.log.mcap.plan import Channel
+from clt.log.mcap.plan import OutputChannel
 from clt.log.mcap.write import write_log
 from clt.log.recording.channels import (
     estimate_channel,
@@ -17,8 +17,8 @@ from clt.log.recording.channels import (
     range_channel,
     truth_channel,
 )
-from clt.log.recording.metadata import RUN, TEAM, calibration_of, encode_team
-from clt.log.recording.packets import frame_channel
+from clt.log.recording.metadata import RUN_RECORD, TEAM_RECORD, calibration_of, encode_team
+from clt.log.recording.packets import packet_channel
 from clt.log.scene.scene import scene_channels
 
 
@@ -38,11 +38,14 @@ def save(
     channels = list(_channels(recording))
     if scene:
         channels += scene_channels(recording)
-    metadata = {TEAM: encode_team(recording.team, calibration_of(recording.run)), RUN: dict(run)}
+    metadata = {
+        TEAM_RECORD: encode_team(recording.team, calibration_of(recording.run)),
+        RUN_RECORD: dict(run),
+    }
     write_log(file, channels, metadata, recording.attachments)
 
 
-def _channels(recording: Recording) -> Iterator[Channel]:
+def _channels(recording: Recording) -> Iterator[OutputChannel]:
     """One channel per stream that has data."""
     team = recording.team
     measured = np.unique(recording.ranges.source)
@@ -54,7 +57,7 @@ def _channels(recording: Recording) -> Iterator[Channel]:
         if index in measured:
             yield range_channel(team, index, recording.ranges)
         if index in sent:
-            yield frame_channel(team, index, recording.frames)
+            yield packet_channel(team, index, recording.frames)
         if name in recording.truth:
             yield truth_channel(name, recording.truth[name])
         if name in recording.estimate:

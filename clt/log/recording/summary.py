@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from clt.core.recording import Indices, Odometry, Poses, Ranges, Recording, Robot, Stamps, Team
 from clt.log.recording.load import LoadedLog
 
-SLOW = 3.0
+GAP_FACTOR = 3.0
 """A gap is an interval longer than so many median intervals."""
 
 
 @dataclass(frozen=True)
-class Rhythm:
+class StreamTiming:
     """How often something came."""
 
     count: int
@@ -27,19 +27,19 @@ class Rhythm:
     longest_gap: float | None
     """s."""
     gaps: int
-    """Intervals longer than SLOW median intervals."""
+    """Intervals longer than GAP_FACTOR median intervals."""
 
 
 @dataclass(frozen=True)
-class Summary:
+class LogSummary:
     """A log's contents; mappings go from a robot's name, or a pair of names, to the rhythm."""
 
     start: int | None
     """First stamp of any stream, ns; None for a log without streams."""
     end: int | None
-    streams: Mapping[str, Mapping[str, Rhythm]]
+    streams: Mapping[str, Mapping[str, StreamTiming]]
     """By role (`odometry`, `truth`, `estimate`, `dead_reckoning`, `frames`), then robot."""
-    pairs: Mapping[tuple[str, str], Rhythm]
+    pairs: Mapping[tuple[str, str], StreamTiming]
     innovations: int
     accepted: int
 
@@ -49,18 +49,18 @@ class Summary:
         return 0.0 if self.start is None or self.end is None else (self.end - self.start) / 1e9
 
 
-def rhythm(stamp: Stamps) -> Rhythm:
+def stream_timing(stamp: Stamps) -> StreamTiming:
     """Of sorted stamps, shape (n,)."""
     if len(stamp) < 2:
-        return Rhythm(len(stamp), None, None, 0)
+        return StreamTiming(len(stamp), None, None, 0)
     steps = np.diff(stamp)
     span = int(stamp[-1] - stamp[0])
-    slow = int(np.count_nonzero(steps > SLOW * np.median(steps)))
+    slow = int(np.count_nonzero(steps > GAP_FACTOR * np.median(steps)))
     rate = (len(stamp) - 1) * 1e9 / span if span > 0 else None
-    return Rhythm(len(stamp), rate, float(steps.max()) / 1e9, slow)
+    return StreamTiming(len(stamp), rate, float(steps.max()) / 1e9, slow)
 
 
-def summarize(recording: Recording) -> Summary:
+def summarize_recording(recording: Recording) -> LogSummary:
     """Count what a recording holds."""
     tracks: Mapping[str, Mapping[str, Odometry | Poses]] = {
         "odometry": recording.odometry,
@@ -79,21 +79,21 @@ def summarize(recording: Recording) -> Summary:
         if len(stamp) > 0
     ]
     found = recording.innovations
-    return Summary(
+    return LogSummary(
         min((int(stamp[0]) for stamp in stamps), default=None),
         max((int(stamp[-1]) for stamp in stamps), default=None),
         {
-            role: {name: rhythm(stream.stamp) for name, stream in streams.items()}
+            role: {name: stream_timing(stream.stamp) for name, stream in streams.items()}
             for role, streams in tracks.items()
         }
-        | {"frames": {name: rhythm(stamp) for name, stamp in frames.items()}},
-        pair_rhythms(recording.ranges, recording.team),
+        | {"frames": {name: stream_timing(stamp) for name, stamp in frames.items()}},
+        pair_timings(recording.ranges, recording.team),
         0 if found is None else len(found.stamp),
         0 if found is None else int(np.count_nonzero(found.accepted)),
     )
 
 
-def pair_rhythms(ranges: Ranges, team: Team) -> dict[tuple[str, str], Rhythm]:
+def pair_timings(ranges: Ranges, team: Team) -> dict[tuple[str, str], StreamTiming]:
     """Rhythm of the ranges from each source to each target that has any."""
     count = len(team.robots)
     narrow = np.dtype(np.uint16 if count <= 256 else np.int64)
@@ -104,12 +104,14 @@ def pair_rhythms(ranges: Ranges, team: Team) -> dict[tuple[str, str], Rhythm]:
     groups = np.split(order, bounds) if len(order) > 0 else []
     names = team.names
     return {
-        (names[ranges.source[rows[0]]], names[ranges.target[rows[0]]]): rhythm(ranges.stamp[rows])
+        (names[ranges.source[rows[0]]], names[ranges.target[rows[0]]]): stream_timing(
+            ranges.stamp[rows]
+        )
         for rows in groups
     }
 
 
-def as_dict(loaded: LoadedLog, summary: Summary) -> dict[str, object]:
+def info_dict(loaded: LoadedLog, summary: LogSummary) -> dict[str, object]:
     """Everything about a log as one JSON object."""
     recording = loaded.recording
     return {
@@ -140,7 +142,7 @@ def as_dict(loaded: LoadedLog, summary: Summary) -> dict[str, object]:
     }
 
 
-def _robot(robot: Robot, summary: Summary) -> dict[str, object]:
+def _robot(robot: Robot, summary: LogSummary) -> dict[str, object]:
     streams = {
         role: vars(found[robot.name]) if robot.name in found else None
         for role, found in summary.streams.items()
@@ -158,7 +160,7 @@ def _document(value: str) -> object:
     """The JSON that a value of `clt.run` spells, else the text itself; no NaN, no infinity."""
     try:
         found: object = json.loads(value)
-        json.dumps([[[[found]]]], allow_nan=False, indent=1)  # as deep as `as_dict` holds it
+        json.dumps([[[[found]]]], allow_nan=False, indent=1)  # as deep as `info_dict` holds it
     except (ValueError, RecursionError):
         return value
     return found

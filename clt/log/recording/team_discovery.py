@@ -12,32 +12,34 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clt.core.errors import LogError
-from clt.core.printable import name as shown
+from clt.core.printable import printable_name as shown
 from clt.core.recording import Robot, Team
-from clt.log.recording.convert import Table
-from clt.log.recording.metadata import TEAM, decode_team
-from clt.log.recording.ranging import Measured
+from clt.log.recording.convert import DecodedTopic
+from clt.log.recording.metadata import TEAM_RECORD, decode_team
+from clt.log.recording.ranging import TopicRanges
 from clt.log.recording.reader import Log
-from clt.log.recording.roles import Roles, Stream, natural, role_of
+from clt.log.recording.roles import StreamTopic, TopicRoles, natural_key, robot_and_role
 
 if TYPE_CHECKING:
     from clt.log.recording.mapping.streamsfile import StreamsFile  # pydantic is slow to import
 
 
-def told(log: Log) -> Team | None:
+def from_metadata(log: Log) -> Team | None:
     """The team of the log's `clt.team` record; None without one. Raises LogError if it is bad."""
-    records = [metadata.record for metadata in log.metadata if metadata.name == TEAM]
+    records = [metadata.record for metadata in log.metadata if metadata.name == TEAM_RECORD]
     if len(records) == 0:
         return None
     if any(record != records[0] for record in records):
-        log.faults.add("team", TEAM, "the log names several teams; the first one holds", lost=True)
+        log.faults.add(
+            "team", TEAM_RECORD, "the log names several teams; the first one holds", lost=True
+        )
     try:
         return decode_team(records[0])
     except LogError as error:
         raise LogError(f"{log.name}: {error}") from None
 
 
-def given(streams: StreamsFile, known: Team | None = None) -> Team:
+def from_mapping(streams: StreamsFile, known: Team | None = None) -> Team:
     """The team of a streams file.
 
     Robots without an id take that of the same name in the `known` team that the log tells, else
@@ -64,8 +66,8 @@ def given(streams: StreamsFile, known: Team | None = None) -> Team:
     )
 
 
-def inferred(
-    log: Log, measured: Sequence[tuple[str, Measured]], framed: Mapping[str, Table]
+def from_topics(
+    log: Log, measured: Sequence[tuple[str, TopicRanges]], framed: Mapping[str, DecodedTopic]
 ) -> Team:
     """The team that topics named as clt's suggest: robots without odometry stand still.
 
@@ -73,8 +75,8 @@ def inferred(
     ends with.
     Targets that have no topics become static robots named after their id.
     """
-    roles = [found for found in map(role_of, log.topics) if found is not None]
-    names = sorted({robot for robot, _ in roles if robot != ""}, key=natural)
+    roles = [found for found in map(robot_and_role, log.topics) if found is not None]
+    names = sorted({robot for robot, _ in roles if robot != ""}, key=natural_key)
     moving = {robot for robot, role in roles if role == "odometry"}
     moving |= {robot for robot, one in framed.items() if one.flags("odometry_valid").any()}
     ids: dict[str, int] = {}
@@ -115,12 +117,12 @@ def inferred(
     return Team(tuple(robots))
 
 
-def known_only(log: Log, roles: Roles, team: Team) -> Roles:
+def roles_in_team(log: Log, roles: TopicRoles, team: Team) -> TopicRoles:
     """The roles without the topics of robots that are not in the team, which are a fault."""
     names = frozenset(team.names)
     everybody = shown(", ".join(team.names), 200)
 
-    def keep(streams: dict[str, Stream]) -> dict[str, Stream]:
+    def keep(streams: dict[str, StreamTopic]) -> dict[str, StreamTopic]:
         for robot in sorted(set(streams) - names):
             text = f"`{shown(robot)}` is not in the team ({everybody}); not read"
             log.faults.add("unknown", streams[robot].topic, text, lost=True)

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clt.core.recording import Floats, Stamps
-from clt.log.cdr.writer import Bytes, Layout, layout, stamp_columns
+from clt.log.cdr.writer import Bytes, PayloadLayout, payload_layout, stamp_columns
 
 ARROW, CUBE, CYLINDER, LINE_STRIP, LINE_LIST, TEXT = 0, 1, 3, 4, 5, 9
-LINE = 0.03
+LINE_WIDTH = 0.03
 """Width of lines, m."""
 
 
@@ -81,14 +81,14 @@ class Markers:
 
     def line(self, ns: str, number: int, frame: str, points: Floats, color: Floats) -> None:
         """A line through `points` (k, p, 2)."""
-        path = self.add(LINE_STRIP, ns, number, frame, (LINE, 0.0, 0.0))
+        path = self.add(LINE_STRIP, ns, number, frame, (LINE_WIDTH, 0.0, 0.0))
         self.pose(path, np.zeros((self.at.size, 2)), 0.0)
         self.points(path, points)
         self.color(path, color)
 
     def links(self, ns: str, number: int, frame: str, points: Floats, colors: Floats) -> None:
         """Segments between `points` (k, 2 p, 2), each end with its colour (k, 2 p, 4)."""
-        path = self.add(LINE_LIST, ns, number, frame, (LINE, 0.0, 0.0))
+        path = self.add(LINE_LIST, ns, number, frame, (LINE_WIDTH, 0.0, 0.0))
         self.pose(path, np.zeros((self.at.size, 2)), 0.0)
         self.points(path, points)
         self.constants[f"{path}.colors"] = colors.shape[1]
@@ -130,10 +130,10 @@ class Markers:
         }
         self.columns[f"{path}.color.a"] = alpha
 
-    def layout(self) -> Layout:
+    def layout(self) -> PayloadLayout:
         """The layout of the message so far."""
         name = "visualization_msgs/msg/MarkerArray"
-        return layout(name, {"markers": self.count, **self.constants})
+        return payload_layout(name, {"markers": self.count, **self.constants})
 
     def rows(self) -> Bytes:
         """The payloads, shape (k, size)."""

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from clt.observability.exact.ambiguity import ambiguities
-from clt.observability.exact.codistribution import Motion, rows
-from clt.observability.exact.directions import Direction, directions
+from clt.observability.exact.ambiguity import find_ambiguities
+from clt.observability.exact.codistribution import Motion, lie_derivatives
+from clt.observability.exact.directions import Direction, name_directions
 from clt.observability.exact.rank import null_space
-from clt.observability.exact.remedies import Remedy, Score, remedies
+from clt.observability.exact.remedies import OpenQuestions, Remedy, find_remedies
 from clt.observability.exact.setup import Setup
-from clt.observability.exact.states import Place, random_state
+from clt.observability.exact.states import ExactPose, random_state
 
-STATES = 2
+RANDOM_STATES = 2
 """Random states tried; the rank is the largest found."""
 
 
@@ -30,7 +30,7 @@ class Analysis:
     ambiguities: tuple[str, ...]
     """Mirror images that no range can exclude."""
     remedies: tuple[Remedy, ...]
-    state: tuple[Place, ...]
+    state: tuple[ExactPose, ...]
     """The random state at which the directions are told."""
 
     @property
@@ -71,7 +71,7 @@ class Analysis:
         }
 
 
-def _pose(place: Place, motion: Motion, *, static: bool) -> Mapping[str, float]:
+def _pose(place: ExactPose, motion: Motion, *, static: bool) -> Mapping[str, float]:
     position = {"x": float(place.x), "y": float(place.y)}
     speed = {"speed": float(place.v)} if motion is Motion.STEADY else {}
     return position if static else position | {"heading": place.heading} | speed
@@ -81,7 +81,7 @@ def analyse(setup: Setup) -> Analysis:
     """Rank and all else of a setup at random states that meet its conditions."""
     best = random_state(setup, 0)
     space = null_space(setup, best)
-    for seed in range(1, STATES if space.shape[1] > 0 else 1):
+    for seed in range(1, RANDOM_STATES if space.shape[1] > 0 else 1):
         state = random_state(setup, seed)
         other = null_space(setup, state)
         if other.shape[1] < space.shape[1]:
@@ -91,16 +91,16 @@ def analyse(setup: Setup) -> Analysis:
         setup,
         dimension,
         dimension - space.shape[1],
-        max((rows(setup.kind(pair))[-1].order for pair in setup.pairs), default=0),
-        directions(setup, best, space),
-        ambiguities(setup, best),
-        remedies(setup, score),
+        max((lie_derivatives(setup.kind(pair))[-1].order for pair in setup.pairs), default=0),
+        name_directions(setup, best, space),
+        find_ambiguities(setup, best),
+        find_remedies(setup, left_open),
         best,
     )
 
 
-def score(setup: Setup) -> Score:
+def left_open(setup: Setup) -> OpenQuestions:
     """What is left open: nullity, and mirror images."""
     state = random_state(setup, 0)
     nullity = null_space(setup, state).shape[1]
-    return nullity, len(ambiguities(setup, state)) if nullity == 0 else 0
+    return nullity, len(find_ambiguities(setup, state)) if nullity == 0 else 0

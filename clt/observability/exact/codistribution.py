@@ -16,7 +16,7 @@ from fractions import Fraction
 from functools import lru_cache
 
 from clt.observability.exact.polynomial import (
-    END,
+    END_B,
     SPEED_A,
     SPEED_B,
     C,
@@ -24,18 +24,18 @@ from clt.observability.exact.polynomial import (
     S,
     X,
     Y,
-    add,
+    add_polynomials,
     constant,
     gradient,
-    lie,
-    multiply,
-    reduce,
-    scale,
-    turning,
+    lie_derivative,
+    multiply_polynomials,
+    reduce_by_basis,
+    scale_polynomial,
+    turn_field,
     variable,
 )
 
-Field = Mapping[int, Polynomial]
+VectorField = Mapping[int, Polynomial]
 
 
 class Motion(Enum):
@@ -64,7 +64,7 @@ class PairKind:
 
 
 @dataclass(frozen=True)
-class Row:
+class LieDerivative:
     """A Lie derivative and its gradient."""
 
     order: int
@@ -74,19 +74,19 @@ class Row:
 
 
 @lru_cache(maxsize=128)
-def rows(kind: PairKind) -> tuple[Row, ...]:
+def lie_derivatives(kind: PairKind) -> tuple[LieDerivative, ...]:
     """Lie derivatives of h, linearly independent as functions and up to constants, by order."""
-    inputs = fields(kind)
-    order, fresh = 0, [output(kind)]
-    found: list[Row] = []
+    inputs = input_fields(kind)
+    order, fresh = 0, [range_output(kind)]
+    found: list[LieDerivative] = []
     basis: list[Polynomial] = []
     while len(fresh) > 0:
         kept = []
         for function in fresh:
             if _extend(basis, function):
                 kept.append(function)
-                found.append(Row(order, function, gradient(function)))
-        fresh = [lie(function, field) for function in kept for field in inputs]
+                found.append(LieDerivative(order, function, gradient(function)))
+        fresh = [lie_derivative(function, field) for function in kept for field in inputs]
         order += 1
     return tuple(found)
 
@@ -94,7 +94,7 @@ def rows(kind: PairKind) -> tuple[Row, ...]:
 def _extend(basis: list[Polynomial], function: Polynomial) -> bool:
     """Add a function to a basis unless it depends on it linearly, up to a constant."""
     (one,) = constant(1)
-    rest = reduce({m: value for m, value in function.items() if m != one}, basis)
+    rest = reduce_by_basis({m: value for m, value in function.items() if m != one}, basis)
     if len(rest) == 0:
         return False
     basis.append(rest)
@@ -102,61 +102,63 @@ def _extend(basis: list[Polynomial], function: Polynomial) -> bool:
     return True
 
 
-def output(kind: PairKind) -> Polynomial:
+def range_output(kind: PairKind) -> Polynomial:
     """Half the squared range."""
     total: Polynomial = {}
     for place in (X, Y):
-        apart = variable(END + place)
+        apart = variable(END_B + place)
         if not kind.ego:
-            apart = add(variable(place), apart, -1)
-        total = add(total, multiply(apart, apart), Fraction(1, 2))
+            apart = add_polynomials(variable(place), apart, -1)
+        total = add_polynomials(total, multiply_polynomials(apart, apart), Fraction(1, 2))
     return total
 
 
-def fields(kind: PairKind) -> tuple[Field, ...]:
+def input_fields(kind: PairKind) -> tuple[VectorField, ...]:
     """Input fields in the order v_a, v_b, omega_a, omega_b (a tied pair has one, v_a + v_b).
 
     Of two steady robots neither can be told from the other: their drift is one field.
     """
-    v_a, omega_a = (ego_drive(), ego_turn()) if kind.ego else (drive(0), turning(0))
-    v_b, omega_b = drive(END), turning(END)
+    v_a, omega_a = (
+        (ego_drive_field(), ego_turn_field()) if kind.ego else (drive_field(0), turn_field(0))
+    )
+    v_b, omega_b = drive_field(END_B), turn_field(END_B)
     if kind.tied:
-        return (joined((v_a, v_b)),)
+        return (sum_of_fields((v_a, v_b)),)
     if kind.a is kind.b is Motion.STEADY:
-        return (joined((at_speed(v_a, SPEED_A), at_speed(v_b, SPEED_B))),)
+        return (sum_of_fields((field_at_speed(v_a, SPEED_A), field_at_speed(v_b, SPEED_B))),)
     speeds = [v for v, m in ((v_a, kind.a), (v_b, kind.b)) if m is not Motion.REST]
     turns = [w for w, m in ((omega_a, kind.a), (omega_b, kind.b)) if m is Motion.FREE]
     return (*speeds, *turns)
 
 
-def drive(end: int) -> Field:
+def drive_field(end: int) -> VectorField:
     """f_v = (cos theta, sin theta, 0)."""
     return {end + X: variable(end + C), end + Y: variable(end + S)}
 
 
-def at_speed(field: Field, speed: int) -> Field:
+def field_at_speed(field: VectorField, speed: int) -> VectorField:
     """A field times one of the speeds."""
-    return {place: multiply(rate, variable(speed)) for place, rate in field.items()}
+    return {place: multiply_polynomials(rate, variable(speed)) for place, rate in field.items()}
 
 
-def ego_drive() -> Field:
+def ego_drive_field() -> VectorField:
     """g_1 = (-1, 0, 0): the ego drives, b comes nearer. Araki after eq. (3)."""
-    return {END + X: constant(-1)}
+    return {END_B + X: constant(-1)}
 
 
-def ego_turn() -> Field:
+def ego_turn_field() -> VectorField:
     """g_2 = (y, -x, -1): the ego turns, b goes round the other way. Araki after eq. (3)."""
     return {
-        END + X: variable(END + Y),
-        END + Y: scale(variable(END + X), -1),
-        **{place: scale(rate, -1) for place, rate in turning(END).items()},
+        END_B + X: variable(END_B + Y),
+        END_B + Y: scale_polynomial(variable(END_B + X), -1),
+        **{place: scale_polynomial(rate, -1) for place, rate in turn_field(END_B).items()},
     }
 
 
-def joined(parts: Sequence[Field]) -> Field:
+def sum_of_fields(parts: Sequence[VectorField]) -> VectorField:
     """Sum of fields."""
     total: dict[int, Polynomial] = {}
     for part in parts:
         for place, rate in part.items():
-            total[place] = add(total.get(place, {}), rate)
+            total[place] = add_polynomials(total.get(place, {}), rate)
     return total

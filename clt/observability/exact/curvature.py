@@ -13,21 +13,21 @@ from functools import lru_cache
 
 import numpy as np
 
-from clt.observability.exact.codistribution import PairKind, rows
+from clt.observability.exact.codistribution import PairKind, lie_derivatives
 from clt.observability.exact.polynomial import Polynomial, gradient
 from clt.observability.exact.rank import (
     PRIME,
-    Alike,
-    Block,
+    MatrixBlock,
     Residues,
-    alike,
-    evaluate,
+    SimilarPairs,
+    evaluate_polynomial,
+    group_similar_pairs,
     matrix_blocks,
-    narrowing,
-    powers_of,
+    null_spaces,
+    pair_powers,
 )
 from clt.observability.exact.setup import Setup
-from clt.observability.exact.states import Place
+from clt.observability.exact.states import ExactPose
 
 Hessian = tuple[tuple[Polynomial, ...], ...]
 
@@ -35,38 +35,38 @@ Hessian = tuple[tuple[Polynomial, ...], ...]
 @lru_cache(maxsize=128)
 def hessians(kind: PairKind) -> tuple[Hessian, ...]:
     """Second derivatives of the functions of a pair, (6, 6) in the order of their gradients."""
-    return tuple(tuple(gradient(entry) for entry in row.gradient) for row in rows(kind))
+    return tuple(tuple(gradient(entry) for entry in row.gradient) for row in lie_derivatives(kind))
 
 
-def special(setup: Setup) -> bool:
+def is_special(setup: Setup) -> bool:
     """Whether states are none of general position, so that ranks may drop at them."""
     return len(setup.in_line) > 0 or len(setup.parallel) > 0
 
 
-def hidden(setup: Setup, state: Sequence[Place]) -> Callable[[Residues], bool]:
+def second_order_test(setup: Setup, state: Sequence[ExactPose]) -> Callable[[Residues], bool]:
     """Make the test whether a null direction (dimension,) stays open to second order as well.
 
     In general position it does: there the rank is the same at all states nearby.
     """
-    if not special(setup):
+    if not is_special(setup):
         return lambda _: True
     blocks = matrix_blocks(setup, state)
-    seconds = [second_derivatives(setup, state, part) for part in alike(setup)]
+    seconds = [second_derivatives(setup, state, part) for part in group_similar_pairs(setup)]
     linear = [np.zeros((), np.int64) for _ in blocks[len(seconds) :]]  # what fixes the frame
     return lambda v: _solvable(blocks, [*seconds, *linear], v)
 
 
-def second_derivatives(setup: Setup, state: Sequence[Place], part: Alike) -> Residues:
+def second_derivatives(setup: Setup, state: Sequence[ExactPose], part: SimilarPairs) -> Residues:
     """v^T H v of pairs that are alike is made of these, shape (pairs, rows, m, m)."""
-    powers = powers_of(setup, part.pairs, state)
+    powers = pair_powers(setup, part.pairs, state)
     values = [
-        [[evaluate(hessian[j][k], powers) for k in part.entries] for j in part.entries]
+        [[evaluate_polynomial(hessian[j][k], powers) for k in part.entries] for j in part.entries]
         for hessian in hessians(part.kind)
     ]
     return np.ascontiguousarray(np.array(values).transpose(3, 0, 1, 2))
 
 
-def _solvable(blocks: Sequence[Block], seconds: Sequence[Residues], v: Residues) -> bool:
+def _solvable(blocks: Sequence[MatrixBlock], seconds: Sequence[Residues], v: Residues) -> bool:
     """Whether dF w = -v^T (d2F) v for some w: whether the null space of (dF, bend) reaches bend."""
     bent, straight = [], []
     for block, H in zip(blocks, seconds, strict=True):
@@ -77,11 +77,11 @@ def _solvable(blocks: Sequence[Block], seconds: Sequence[Residues], v: Residues)
             once = np.sum(H[touched] * own[:, None, None, :] % PRIME, axis=3) % PRIME
             bend[touched] = np.sum(once * own[:, None, :] % PRIME, axis=2) % PRIME
         column = np.full((len(block.columns), 1), v.size)
-        whole = Block(
+        whole = MatrixBlock(
             np.concatenate([block.columns, column], axis=1),
             np.concatenate([block.rows, bend[:, :, None]], axis=2),
         )
         first = np.any(bend != 0, axis=1)
-        bent.append(Block(whole.columns[first], whole.rows[first]))
-        straight.append(Block(whole.columns[~first], whole.rows[~first]))
-    return all(np.any(space[-1]) for space in narrowing([*bent, *straight], v.size + 1))
+        bent.append(MatrixBlock(whole.columns[first], whole.rows[first]))
+        straight.append(MatrixBlock(whole.columns[~first], whole.rows[~first]))
+    return all(np.any(space[-1]) for space in null_spaces([*bent, *straight], v.size + 1))

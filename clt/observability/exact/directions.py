@@ -14,15 +14,15 @@ from itertools import chain
 
 import numpy as np
 
-from clt.observability.exact.curvature import hidden, special
-from clt.observability.exact.matrix import matrix
-from clt.observability.exact.rank import PRIME, Residues, echelon, residue
-from clt.observability.exact.setup import Setup, listed
-from clt.observability.exact.states import Place
+from clt.observability.exact.curvature import is_special, second_order_test
+from clt.observability.exact.matrix import observability_matrix
+from clt.observability.exact.rank import PRIME, Residues, column_echelon, residue
+from clt.observability.exact.setup import Setup, list_names
+from clt.observability.exact.states import ExactPose
 
-Change = dict[int, Fraction]
+StateChange = dict[int, Fraction]
 """Column of the state -> its change."""
-DOMINANT = 0.3
+MIN_LISTED_COMPONENT = 0.3
 """Components of an unnamed direction are told from this share of its largest one."""
 
 
@@ -37,20 +37,23 @@ class Direction:
     """No range tells it at all; False where ranges tell it to second order."""
 
 
-def directions(setup: Setup, state: Sequence[Place], space: Residues) -> tuple[Direction, ...]:
+def name_directions(
+    setup: Setup, state: Sequence[ExactPose], space: Residues
+) -> tuple[Direction, ...]:
     """Name a basis of a null space (dimension, k) at a state, what stays hidden first.
 
     At a special state motions of whole groups come first where they are hidden: they may combine
     what each by itself is told to second order.
     """
-    reduced, pivots = echelon(space)
-    stays = hidden(setup, state)
+    reduced, pivots = column_echelon(space)
+    stays = second_order_test(setup, state)
     found: list[Direction] = []
     # Dual coordinates: what vanishes on all directions found so far.
     left, free = np.eye(space.shape[1], dtype=np.int64), np.arange(space.shape[1])
-    preferred = bodies(setup, state) if special(setup) else iter(())
+    preferred = rigid_body_changes(setup, state) if is_special(setup) else iter(())
     choices = chain(
-        ((*one, True) for one in preferred), ((*one, False) for one in candidates(setup, state))
+        ((*one, True) for one in preferred),
+        ((*one, False) for one in candidate_changes(setup, state)),
     )
     for name, change, only_hidden in choices:
         if left.shape[1] == 0:
@@ -64,7 +67,7 @@ def directions(setup: Setup, state: Sequence[Place], space: Residues) -> tuple[D
             continue
         mark = stays(vector)
         if mark or not only_hidden:
-            found.append(Direction(name, _told(setup, change), mark))
+            found.append(Direction(name, _components(setup, change), mark))
             j = int(np.flatnonzero(seen)[0])
             left, free = _without(left, seen, j), np.delete(free, j)
     found += [_unnamed(setup, state, reduced, int(k), stays(reduced[:, k])) for k in free]
@@ -85,7 +88,7 @@ def _without(left: Residues, seen: Residues, j: int) -> Residues:
     return np.delete((left - left[:, [j]] * share) % PRIME, j, axis=1)
 
 
-def as_residues(change: Change, size: int) -> Residues:
+def as_residues(change: StateChange, size: int) -> Residues:
     """A change as a full vector modulo PRIME."""
     vector = np.zeros(size, np.int64)
     for column, value in change.items():
@@ -93,7 +96,7 @@ def as_residues(change: Change, size: int) -> Residues:
     return vector
 
 
-def _told(setup: Setup, change: Change) -> dict[str, float]:
+def _components(setup: Setup, change: StateChange) -> dict[str, float]:
     return {
         ".".join(setup.columns[column]): float(value)
         for column, value in sorted(change.items())
@@ -102,26 +105,28 @@ def _told(setup: Setup, change: Change) -> dict[str, float]:
 
 
 def _unnamed(
-    setup: Setup, state: Sequence[Place], reduced: Residues, k: int, mark: bool
+    setup: Setup, state: Sequence[ExactPose], reduced: Residues, k: int, mark: bool
 ) -> Direction:
     """A direction that no candidate explains, told by its largest components.
 
     Its support is exact, its numbers are those of the matrix in floating point.
     """
     columns = np.flatnonzero(reduced[:, k])
-    vector = np.linalg.svd(matrix(setup, state)[:, columns])[2][-1]
+    vector = np.linalg.svd(observability_matrix(setup, state)[:, columns])[2][-1]
     vector = vector / vector[np.argmax(np.abs(vector))]
     parts = {
         ".".join(setup.columns[column]): float(value)
         for column, value in zip(columns, vector, strict=True)
     }
-    large = [name for name in parts if abs(parts[name]) >= DOMINANT]
-    return Direction("joint change of " + listed(large), parts, mark)
+    large = [name for name in parts if abs(parts[name]) >= MIN_LISTED_COMPONENT]
+    return Direction("joint change of " + list_names(large), parts, mark)
 
 
-def candidates(setup: Setup, state: Sequence[Place]) -> Iterator[tuple[str, Change]]:
+def candidate_changes(
+    setup: Setup, state: Sequence[ExactPose]
+) -> Iterator[tuple[str, StateChange]]:
     """Names and changes, the general ones first."""
-    yield from bodies(setup, state)
+    yield from rigid_body_changes(setup, state)
     unknown = tuple(k for k in range(len(setup.nodes)) if setup.in_state(k))
     for k in unknown:
         yield from _single(setup, state, k)
@@ -133,7 +138,9 @@ def candidates(setup: Setup, state: Sequence[Place]) -> Iterator[tuple[str, Chan
     for group in groups:
         turning = [k for k in group if setup.in_state(k) and not setup.nodes[k].static]
         names = (
-            "the whole team" if len(groups) == 1 else listed([setup.nodes[k].name for k in turning])
+            "the whole team"
+            if len(groups) == 1
+            else list_names([setup.nodes[k].name for k in turning])
         )
         yield (
             f"common heading of {names}",
@@ -141,7 +148,9 @@ def candidates(setup: Setup, state: Sequence[Place]) -> Iterator[tuple[str, Chan
         )
 
 
-def bodies(setup: Setup, state: Sequence[Place]) -> Iterator[tuple[str, Change]]:
+def rigid_body_changes(
+    setup: Setup, state: Sequence[ExactPose]
+) -> Iterator[tuple[str, StateChange]]:
     """Changes of groups tied together by ranges."""
     groups = setup.groups()
     for group in groups:
@@ -149,20 +158,23 @@ def bodies(setup: Setup, state: Sequence[Place]) -> Iterator[tuple[str, Change]]
 
 
 def _rigid(
-    setup: Setup, state: Sequence[Place], group: Sequence[int], *, whole: bool
-) -> Iterator[tuple[str, Change]]:
+    setup: Setup, state: Sequence[ExactPose], group: Sequence[int], *, whole: bool
+) -> Iterator[tuple[str, StateChange]]:
     """Translations and rotations of a group as one body."""
     members = [k for k in group if setup.in_state(k)]
-    names = listed([setup.nodes[k].name for k in members])
+    names = list_names([setup.nodes[k].name for k in members])
     scope = "" if whole else f" of {names}"
     body = "the whole team" if whole else names
     if len(members) == 1 and setup.ego is not None:
         yield from _single(setup, state, members[0])
     if setup.ego is not None:
         ego = setup.nodes[setup.ego].name
-        yield f"rotation of all others around {ego}", rotation(setup, state, members, setup.ego)
+        yield (
+            f"rotation of all others around {ego}",
+            rotation_change(setup, state, members, setup.ego),
+        )
         if len(members) > 1:
-            circling = rotation(setup, state, members, setup.ego, turning=False)
+            circling = rotation_change(setup, state, members, setup.ego, turning=False)
             yield f"bearing of all others from {ego}", circling
         return
     for entry, axis in enumerate("xy"):
@@ -170,23 +182,23 @@ def _rigid(
         yield f"translation in {axis}{scope}", change
     if len(members) == 1:
         yield from _single(setup, state, members[0])
-    yield f"rotation of {body} about the origin", rotation(setup, state, members, None)
+    yield f"rotation of {body} about the origin", rotation_change(setup, state, members, None)
     for centre, node in enumerate(setup.nodes):
         if node.static:
             name = f"rotation{scope} about static robot {node.name}"
-            yield name, rotation(setup, state, members, centre)
+            yield name, rotation_change(setup, state, members, centre)
 
 
-def rotation(
+def rotation_change(
     setup: Setup,
-    state: Sequence[Place],
+    state: Sequence[ExactPose],
     members: Sequence[int],
     centre: int | None,
     *,
     turning: bool = True,
-) -> Change:
+) -> StateChange:
     """Rotation of robots about another one or the origin by 1 rad; as one body if `turning`."""
-    change: Change = {}
+    change: StateChange = {}
     for k in members:
         change |= _turned(setup, state, k, centre)
         if turning and not setup.nodes[k].static:
@@ -194,7 +206,7 @@ def rotation(
     return change
 
 
-def _turned(setup: Setup, state: Sequence[Place], k: int, centre: int | None) -> Change:
+def _turned(setup: Setup, state: Sequence[ExactPose], k: int, centre: int | None) -> StateChange:
     """One robot's position on its circle around another one or the origin, by 1 rad."""
     zero = Fraction(0)
     x, y = (zero, zero) if centre is None else (state[centre].x, state[centre].y)
@@ -202,7 +214,7 @@ def _turned(setup: Setup, state: Sequence[Place], k: int, centre: int | None) ->
     return {first: y - state[k].y, first + 1: state[k].x - x}
 
 
-def _single(setup: Setup, state: Sequence[Place], k: int) -> Iterator[tuple[str, Change]]:
+def _single(setup: Setup, state: Sequence[ExactPose], k: int) -> Iterator[tuple[str, StateChange]]:
     """One robot's own numbers."""
     first, name = setup.first_column[k], setup.nodes[k].name
     if not setup.nodes[k].static:
@@ -216,10 +228,10 @@ def _single(setup: Setup, state: Sequence[Place], k: int) -> Iterator[tuple[str,
 
 
 def _orbit(
-    setup: Setup, state: Sequence[Place], k: int, centre: int
-) -> Iterator[tuple[str, Change]]:
+    setup: Setup, state: Sequence[ExactPose], k: int, centre: int
+) -> Iterator[tuple[str, StateChange]]:
     """One robot around another, its heading turning with it or not."""
     name, other = setup.nodes[k].name, setup.nodes[centre].name
     if not setup.nodes[k].static:
-        yield f"rotation of {name} about {other}", rotation(setup, state, [k], centre)
+        yield f"rotation of {name} about {other}", rotation_change(setup, state, [k], centre)
     yield f"bearing of {name} from {other}", _turned(setup, state, k, centre)

@@ -17,8 +17,8 @@ Polynomial = Mapping[Monomial, Fraction]
 
 VARIABLES = 10
 X, Y, C, S = 0, 1, 2, 3
-"""Places of end a's variables; end b's come END later."""
-END = 4
+"""Places of end a's variables; end b's come END_B later."""
+END_B = 4
 SPEED_A, SPEED_B = 8, 9
 
 
@@ -32,7 +32,7 @@ def constant(value: int | Fraction) -> Polynomial:
     return {} if value == 0 else {(0,) * VARIABLES: Fraction(value)}
 
 
-def add(p: Polynomial, q: Polynomial, factor: int | Fraction = 1) -> Polynomial:
+def add_polynomials(p: Polynomial, q: Polynomial, factor: int | Fraction = 1) -> Polynomial:
     """Compute p + factor q."""
     total = dict(p)
     for monomial, value in q.items():
@@ -40,19 +40,19 @@ def add(p: Polynomial, q: Polynomial, factor: int | Fraction = 1) -> Polynomial:
     return {monomial: value for monomial, value in total.items() if value != 0}
 
 
-def multiply(p: Polynomial, q: Polynomial) -> Polynomial:
+def multiply_polynomials(p: Polynomial, q: Polynomial) -> Polynomial:
     """Multiply and bring into normal form."""
     total: dict[Monomial, Fraction] = {}
     for m, a in p.items():
         for n, b in q.items():
             monomial = tuple(i + j for i, j in zip(m, n, strict=True))
             total[monomial] = total.get(monomial, Fraction(0)) + a * b
-    return normal(total)
+    return normal_form(total)
 
 
-def normal(p: Polynomial) -> Polynomial:
+def normal_form(p: Polynomial) -> Polynomial:
     """Replace s^2 by 1 - c^2 for both ends until no power of s is above one."""
-    for end in (0, END):
+    for end in (0, END_B):
         while any(monomial[end + S] > 1 for monomial in p):
             total: dict[Monomial, Fraction] = {}
             for monomial, value in p.items():
@@ -81,38 +81,38 @@ def derivative(p: Polynomial, place: int) -> Polynomial:
     return result
 
 
-def lie(p: Polynomial, field: Mapping[int, Polynomial]) -> Polynomial:
+def lie_derivative(p: Polynomial, field: Mapping[int, Polynomial]) -> Polynomial:
     """Lie derivative of p along a vector field: variable -> its rate of change."""
     total: Polynomial = {}
     for place, rate in field.items():
-        total = add(total, multiply(derivative(p, place), rate))
+        total = add_polynomials(total, multiply_polynomials(derivative(p, place), rate))
     return total
 
 
-def turning(end: int) -> Mapping[int, Polynomial]:
+def turn_field(end: int) -> Mapping[int, Polynomial]:
     """The field d/dtheta of one end: c -> -s, s -> c."""
-    return {end + C: scale(variable(end + S), -1), end + S: variable(end + C)}
+    return {end + C: scale_polynomial(variable(end + S), -1), end + S: variable(end + C)}
 
 
-def scale(p: Polynomial, factor: int | Fraction) -> Polynomial:
+def scale_polynomial(p: Polynomial, factor: int | Fraction) -> Polynomial:
     """Compute factor p."""
-    return add({}, p, factor)
+    return add_polynomials({}, p, factor)
 
 
 def gradient(p: Polynomial) -> tuple[Polynomial, ...]:
     """Derivatives with respect to (x, y, theta) of end a, then of end b."""
     return tuple(
         entry
-        for end in (0, END)
+        for end in (0, END_B)
         for entry in (
             derivative(p, end + X),
             derivative(p, end + Y),
-            lie(p, turning(end)),
+            lie_derivative(p, turn_field(end)),
         )
     )
 
 
-def reduce(p: Polynomial, basis: Sequence[Polynomial]) -> Polynomial:
+def reduce_by_basis(p: Polynomial, basis: Sequence[Polynomial]) -> Polynomial:
     """What is left of p after subtracting multiples of basis elements; zero if p depends on them.
 
     Each element is led by its largest monomial, and the basis is sorted by them, largest first.
@@ -120,5 +120,5 @@ def reduce(p: Polynomial, basis: Sequence[Polynomial]) -> Polynomial:
     for element in basis:
         lead = max(element)
         if lead in p:
-            p = add(p, element, -p[lead] / element[lead])
+            p = add_polynomials(p, element, -p[lead] / element[lead])
     return p

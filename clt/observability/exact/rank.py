@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.observability.exact.codistribution import PairKind, rows
+from clt.observability.exact.codistribution import PairKind, lie_derivatives
 from clt.observability.exact.polynomial import Polynomial
 from clt.observability.exact.setup import Setup
-from clt.observability.exact.states import Place
+from clt.observability.exact.states import ExactPose
 
 PRIME = 2**31 - 1
 Residues = NDArray[np.int64]
@@ -32,7 +32,7 @@ def residue(value: Fraction | int) -> int:
     return fraction.numerator * pow(fraction.denominator, -1, PRIME) % PRIME
 
 
-def evaluate(p: Polynomial, powers: Residues) -> Residues:
+def evaluate_polynomial(p: Polynomial, powers: Residues) -> Residues:
     """A polynomial at many pairs: powers (degree + 1, 10, n) of the variables -> (n,)."""
     total = np.zeros(powers.shape[2], np.int64)
     for monomial, value in p.items():
@@ -45,14 +45,14 @@ def evaluate(p: Polynomial, powers: Residues) -> Residues:
 
 
 @lru_cache(maxsize=4)
-def residues_of(state: tuple[Place, ...]) -> Residues:
+def residues_of(state: tuple[ExactPose, ...]) -> Residues:
     """The five numbers of each place, shape (places, 5)."""
     numbers = [[residue(value) for value in (p.x, p.y, p.c, p.s, p.v)] for p in state]
     return np.array(numbers).reshape(-1, 5)
 
 
-def powers_of(
-    setup: Setup, pairs: Sequence[tuple[int, int]], state: Sequence[Place], degree: int = 8
+def pair_powers(
+    setup: Setup, pairs: Sequence[tuple[int, int]], state: Sequence[ExactPose], degree: int = 8
 ) -> Residues:
     """Powers 0 .. degree of the ten variables of each pair, shape (degree + 1, 10, n)."""
     numbers = residues_of(tuple(state))
@@ -65,7 +65,7 @@ def powers_of(
     return powers
 
 
-def by_kind(setup: Setup) -> Mapping[PairKind, list[tuple[int, int]]]:
+def pairs_by_kind(setup: Setup) -> Mapping[PairKind, list[tuple[int, int]]]:
     """The pairs that share their functions."""
     found: dict[PairKind, list[tuple[int, int]]] = {}
     for pair in setup.pairs:
@@ -73,7 +73,7 @@ def by_kind(setup: Setup) -> Mapping[PairKind, list[tuple[int, int]]]:
     return found
 
 
-class Alike(NamedTuple):
+class SimilarPairs(NamedTuple):
     """Pairs with the same functions, of which the same entries touch the state."""
 
     kind: PairKind
@@ -84,51 +84,51 @@ class Alike(NamedTuple):
     """Where they stand in the state, shape (pairs, k)."""
 
 
-def alike(setup: Setup) -> list[Alike]:
+def group_similar_pairs(setup: Setup) -> list[SimilarPairs]:
     """All pairs that touch the state."""
     found = []
-    for kind, pairs in by_kind(setup).items():
+    for kind, pairs in pairs_by_kind(setup).items():
         parts: dict[tuple[int, ...], list[tuple[tuple[int, int], tuple[int, ...]]]] = {}
         for pair in pairs:
-            entries, places = touched(setup, pair)
+            entries, places = state_entries(setup, pair)
             parts.setdefault(tuple(entries), []).append((pair, places))
         for chosen, own in parts.items():
             if len(chosen) > 0:
                 columns = np.array([places for _, places in own])
-                found.append(Alike(kind, [pair for pair, _ in own], chosen, columns))
+                found.append(SimilarPairs(kind, [pair for pair, _ in own], chosen, columns))
     return found
 
 
-class Block(NamedTuple):
+class MatrixBlock(NamedTuple):
     """Rows (pairs, r, k) of pairs whose functions are the same, and their columns (pairs, k)."""
 
     columns: Residues
     rows: Residues
 
 
-def matrix_blocks(setup: Setup, state: Sequence[Place]) -> list[Block]:
-    """The observability matrix at a state: what touches the state, as `alike` has it.
+def matrix_blocks(setup: Setup, state: Sequence[ExactPose]) -> list[MatrixBlock]:
+    """The observability matrix at a state: what touches the state, as `group_similar_pairs` has it.
 
     Where the first static robots span the world, what that fixes comes last.
     """
     blocks = []
-    for part in alike(setup):
-        powers = powers_of(setup, part.pairs, state)
+    for part in group_similar_pairs(setup):
+        powers = pair_powers(setup, part.pairs, state)
         values = np.array(
             [
-                [evaluate(row.gradient[entry], powers) for entry in part.entries]
-                for row in rows(part.kind)
+                [evaluate_polynomial(row.gradient[entry], powers) for entry in part.entries]
+                for row in lie_derivatives(part.kind)
             ]
         )  # (rows, k, pairs)
-        blocks.append(Block(part.columns, np.ascontiguousarray(values.transpose(2, 0, 1))))
+        blocks.append(MatrixBlock(part.columns, np.ascontiguousarray(values.transpose(2, 0, 1))))
     if setup.framed:
         first, second = (setup.first_column[k] for k in setup.frame_robots)
         fixed = np.array([[first, first + 1, second + 1]])
-        blocks.append(Block(fixed, np.eye(3, dtype=np.int64)[None]))
+        blocks.append(MatrixBlock(fixed, np.eye(3, dtype=np.int64)[None]))
     return blocks
 
 
-def touched(setup: Setup, pair: tuple[int, int]) -> tuple[list[int], tuple[int, ...]]:
+def state_entries(setup: Setup, pair: tuple[int, int]) -> tuple[list[int], tuple[int, ...]]:
     """Entries of a pair's gradient that belong to the state, and their columns."""
     entries: list[int] = []
     columns: list[int] = []
@@ -141,33 +141,33 @@ def touched(setup: Setup, pair: tuple[int, int]) -> tuple[list[int], tuple[int, 
     return entries, tuple(columns)
 
 
-def null_space(setup: Setup, state: Sequence[Place]) -> Residues:
+def null_space(setup: Setup, state: Sequence[ExactPose]) -> Residues:
     """Basis of the directions that no row sees, shape (dimension, nullity), modulo PRIME."""
-    *_, space = narrowing(matrix_blocks(setup, state), len(setup.columns))
+    *_, space = null_spaces(matrix_blocks(setup, state), len(setup.columns))
     return space
 
 
-def narrowing(blocks: Sequence[Block], dimension: int) -> Iterator[Residues]:
+def null_spaces(blocks: Sequence[MatrixBlock], dimension: int) -> Iterator[Residues]:
     """Bases of what rows do not see, from the whole space to the null space of all rows."""
     space = np.eye(dimension, dtype=np.int64)
     yield space
     for block in blocks:
         alone = 2 * dimension // 3
         for k in range(min(alone, len(block.columns))):
-            space = cut(space, block, k)
+            space = cut_null_space(space, block, k)
             yield space
         rest = np.arange(alone, len(block.columns))
         while rest.size > 0 and space.shape[1] > 0:  # as a rule these see nothing more
-            seen = product(block.rows[rest], space[block.columns[rest]])
+            seen = multiply_modulo_prime(block.rows[rest], space[block.columns[rest]])
             rest = rest[np.any(seen != 0, axis=(1, 2))]
             if rest.size > 0:
-                space = cut(space, block, int(rest[0]))
+                space = cut_null_space(space, block, int(rest[0]))
                 yield space
 
 
-def cut(space: Residues, block: Block, k: int) -> Residues:
+def cut_null_space(space: Residues, block: MatrixBlock, k: int) -> Residues:
     """The part of a space (d, m) that one pair's rows do not see."""
-    seen = product(block.rows[k], space[block.columns[k]])
+    seen = multiply_modulo_prime(block.rows[k], space[block.columns[k]])
     while np.any(seen):
         r, j = np.argwhere(seen)[0]
         share = seen[r] * pow(int(seen[r, j]), -1, PRIME) % PRIME
@@ -177,13 +177,13 @@ def cut(space: Residues, block: Block, k: int) -> Residues:
     return space
 
 
-def product(A: Residues, B: Residues) -> Residues:
+def multiply_modulo_prime(A: Residues, B: Residues) -> Residues:
     """A B modulo PRIME, shapes (..., r, k) and (..., k, m), for a small k."""
     terms = A[..., :, :, None] * B[..., None, :, :] % PRIME
     return np.asarray(np.sum(terms, axis=-2) % PRIME)
 
 
-def echelon(space: Residues) -> tuple[Residues, list[int]]:
+def column_echelon(space: Residues) -> tuple[Residues, list[int]]:
     """The same column space with an identity in the pivot rows that are returned."""
     space = space.copy()
     pivots: list[int] = []

@@ -8,13 +8,13 @@ from itertools import combinations
 from typing import NamedTuple
 
 from clt.observability.exact.codistribution import Motion
-from clt.observability.exact.setup import Node, Setup, listed
+from clt.observability.exact.setup import Setup, SetupRobot, list_names
 
-MOST_STEPS = 3
+MAX_REMEDY_STEPS = 3
 """So many things together are tried where no single one suffices."""
-MOST_ALIKE = 4
+MAX_SIMILAR_ROBOTS = 4
 """Of more robots that are alike the first stands for each."""
-Score = tuple[int, int]
+OpenQuestions = tuple[int, int]
 """Nullity and number of discrete ambiguities of a setup."""
 
 
@@ -37,7 +37,7 @@ class Addition(NamedTuple):
     """Robots that have to do something."""
 
 
-def remedies(setup: Setup, score: Callable[[Setup], Score]) -> tuple[Remedy, ...]:
+def find_remedies(setup: Setup, score: Callable[[Setup], OpenQuestions]) -> tuple[Remedy, ...]:
     """Single additions that leave nothing open; where none does, the shortest chain found."""
     here = score(setup)
     if here == (0, 0):
@@ -53,7 +53,9 @@ def remedies(setup: Setup, score: Callable[[Setup], Score]) -> tuple[Remedy, ...
 
 
 def _chain(
-    tried: list[tuple[Score, Addition]], here: Score, score: Callable[[Setup], Score]
+    tried: list[tuple[OpenQuestions, Addition]],
+    here: OpenQuestions,
+    score: Callable[[Setup], OpenQuestions],
 ) -> tuple[Remedy, ...]:
     """Of what was tried the addition that helps most, then the next, while something helps."""
     texts: list[str] = []
@@ -63,7 +65,7 @@ def _chain(
             break
         here = left
         texts.append(best.text)
-        if here == (0, 0) or len(texts) == MOST_STEPS:
+        if here == (0, 0) or len(texts) == MAX_REMEDY_STEPS:
             break
         tried = [(score(one.setup), one) for one in additions(best.setup)]
     return (Remedy(", then ".join(texts), here[0]),) if len(texts) > 0 else ()
@@ -85,10 +87,10 @@ def additions(setup: Setup) -> Iterator[Addition]:
         placed = _with(setup, unplaced, replace(node, known=True))
         yield Addition(f"the position of {node.name}", placed)
     number = {0: "a", 1: "a second", 2: "a third"}.get(statics, "a further")
-    yield Addition(f"{number} static robot of known position", _joined_by(setup, known=True))
+    yield Addition(f"{number} static robot of known position", _with_static(setup, known=True))
     if anchored:
         text = f"{number} static robot, its position unknown"
-        yield Addition(text, _joined_by(setup, known=False))
+        yield Addition(text, _with_static(setup, known=False))
 
 
 def _ranges(setup: Setup) -> Iterator[Addition]:
@@ -101,8 +103,8 @@ def _ranges(setup: Setup) -> Iterator[Addition]:
     ]
     if len(apart) > 0:
         ends = sorted({k for pair in apart for k in pair})
-        moving = listed([setup.nodes[k].name for k in ends if not setup.nodes[k].static])
-        static = listed([setup.nodes[k].name for k in ends if setup.nodes[k].static])
+        moving = list_names([setup.nodes[k].name for k in ends if not setup.nodes[k].static])
+        static = list_names([setup.nodes[k].name for k in ends if setup.nodes[k].static])
         joined = replace(setup, pairs=(*setup.pairs, *apart))
         yield Addition(f"ranges of {moving} to {static}", joined)
 
@@ -129,9 +131,9 @@ def _motion(setup: Setup) -> Iterator[Addition]:
         (steady, "a change of speed of {}", Motion.STRAIGHT),
         (abreast, "another course of {}", Motion.STRAIGHT),
     ):
-        single = [[k] for k in robots] if len(robots) <= MOST_ALIKE else [robots[:1]]
+        single = [[k] for k in robots] if len(robots) <= MAX_SIMILAR_ROBOTS else [robots[:1]]
         for chosen in (*single, *([robots] if len(robots) > 1 else [])):
-            names = listed([setup.nodes[k].name for k in chosen])
+            names = list_names([setup.nodes[k].name for k in chosen])
             freed = _freed(setup, chosen, motion)
             yield Addition(text.format(names), freed, len(chosen))
 
@@ -147,14 +149,14 @@ def _freed(setup: Setup, robots: list[int], motion: Motion) -> Setup:
     )
 
 
-def _with(setup: Setup, k: int, node: Node) -> Setup:
+def _with(setup: Setup, k: int, node: SetupRobot) -> Setup:
     return replace(setup, nodes=(*setup.nodes[:k], node, *setup.nodes[k + 1 :]))
 
 
-def _joined_by(setup: Setup, *, known: bool) -> Setup:
+def _with_static(setup: Setup, *, known: bool) -> Setup:
     """The setup with one more static robot that ranges everyone."""
     count = len(setup.nodes)
     statics = sum(node.static for node in setup.nodes)
-    node = Node(f"S{statics + 1} (new)", static=True, known=known)
+    node = SetupRobot(f"S{statics + 1} (new)", static=True, known=known)
     pairs = (*setup.pairs, *((k, count) for k in range(count)))
     return replace(setup, nodes=(*setup.nodes, node), pairs=pairs)

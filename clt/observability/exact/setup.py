@@ -9,11 +9,11 @@ from itertools import combinations
 
 from clt.observability.exact.codistribution import Motion, PairKind
 
-MOST_NAMES = 8
+MAX_LISTED_NAMES = 8
 
 
 @dataclass(frozen=True)
-class Node:
+class SetupRobot:
     """One robot of a setup."""
 
     name: str
@@ -32,7 +32,7 @@ class Setup:
     position, in the world; with an `ego`, of every other robot in the body frame of the ego.
     """
 
-    nodes: tuple[Node, ...]
+    nodes: tuple[SetupRobot, ...]
     pairs: tuple[tuple[int, int], ...]
     """Who ranges whom: indices of `nodes`, each pair once."""
     parallel: frozenset[int] = frozenset()
@@ -107,22 +107,22 @@ def every_pair(count: int) -> tuple[tuple[int, int], ...]:
     return tuple(combinations(range(count), 2))
 
 
-def team(moving: int, static: int, known: int = 0) -> tuple[Node, ...]:
+def setup_robots(moving: int, static: int, known: int = 0) -> tuple[SetupRobot, ...]:
     """R1 .. Rn moving, S1 .. Sm static, the first `known` of them of known position."""
     return (
-        *(Node(f"R{k + 1}") for k in range(moving)),
-        *(Node(f"S{k + 1}", static=True, known=k < known) for k in range(static)),
+        *(SetupRobot(f"R{k + 1}") for k in range(moving)),
+        *(SetupRobot(f"S{k + 1}", static=True, known=k < known) for k in range(static)),
     )
 
 
-def indices(nodes: tuple[Node, ...], names: Iterable[str]) -> frozenset[int]:
+def setup_indices(nodes: tuple[SetupRobot, ...], names: Iterable[str]) -> frozenset[int]:
     """Indices of robots by name. Raises KeyError for a stranger."""
     places = {node.name: k for k, node in enumerate(nodes)}
     return frozenset(places[name] for name in names)
 
 
-def listed(names: Sequence[str]) -> str:
+def list_names(names: Sequence[str]) -> str:
     """Names for people: `R1, R2 and R3`, a long list with its middle left out."""
-    if len(names) > MOST_NAMES:
-        return f"{', '.join(names[: MOST_NAMES - 2])} ... {names[-1]}"
+    if len(names) > MAX_LISTED_NAMES:
+        return f"{', '.join(names[: MAX_LISTED_NAMES - 2])} ... {names[-1]}"
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

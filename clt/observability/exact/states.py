@@ -10,12 +10,12 @@ import numpy as np
 
 from clt.observability.exact.setup import Setup
 
-HALF_WIDTH, STEP = 10_000, Fraction(1, 1000)
+HALF_WIDTH_STEPS, POSITION_STEP = 10_000, Fraction(1, 1000)
 """Positions are multiples of a millimetre within 10 m of the origin."""
 
 
 @dataclass(frozen=True)
-class Place:
+class ExactPose:
     """A pose: x, y in m, cosine and sine of the heading; exact, or modulo a prime, or floats."""
 
     x: Fraction
@@ -29,10 +29,10 @@ class Place:
     def heading(self) -> float:
         return math.atan2(self.s, self.c)
 
-    def seen_from(self, other: Place) -> Place:
+    def seen_from(self, other: ExactPose) -> ExactPose:
         """This pose in the body frame of another one."""
         dx, dy = self.x - other.x, self.y - other.y
-        return Place(
+        return ExactPose(
             other.c * dx + other.s * dy,
             other.c * dy - other.s * dx,
             other.c * self.c + other.s * self.s,
@@ -41,7 +41,7 @@ class Place:
         )
 
 
-def random_state(setup: Setup, seed: int) -> tuple[Place, ...]:
+def random_state(setup: Setup, seed: int) -> tuple[ExactPose, ...]:
     """A pose for every robot, as general as the setup's conditions allow.
 
     With an ego, poses are those in its body frame (its own is the origin).
@@ -64,14 +64,14 @@ def random_state(setup: Setup, seed: int) -> tuple[Place, ...]:
 
 
 def _coordinate(draw: np.random.Generator) -> Fraction:
-    return int(draw.integers(-HALF_WIDTH, HALF_WIDTH + 1)) * STEP
+    return int(draw.integers(-HALF_WIDTH_STEPS, HALF_WIDTH_STEPS + 1)) * POSITION_STEP
 
 
-def _place(draw: np.random.Generator) -> Place:
+def _place(draw: np.random.Generator) -> ExactPose:
     """A random pose, its heading by the tangent t of the half angle: (1 - t^2, 2 t) / (1 + t^2)."""
     t = Fraction(int(draw.integers(1, 1000)), int(draw.integers(1, 1000)))
     flip = 1 if draw.random() < 0.5 else -1
     mirror = 1 if draw.random() < 0.5 else -1
     c, s = (1 - t * t) / (1 + t * t) * flip, 2 * t / (1 + t * t) * mirror
-    speed = int(draw.integers(100, 2000)) * STEP
-    return Place(_coordinate(draw), _coordinate(draw), c, s, speed)
+    speed = int(draw.integers(100, 2000)) * POSITION_STEP
+    return ExactPose(_coordinate(draw), _coordinate(draw), c, s, speed)

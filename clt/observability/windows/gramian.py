@@ -11,27 +11,29 @@ from __future__ import annotations
 import numpy as np
 
 from clt.core.recording import Floats, Indices
-from clt.jit.kept import Kept
-from clt.observability.windows.reference import Reference
+from clt.jit.kept import CachedKernel
+from clt.observability.windows.reference import ReferenceTrajectories
 
-SWEEP = Kept("clt.observability.windows.sweep", "sweep")
-FIXED = 1e8
+WINDOW_KERNEL = CachedKernel("clt.observability.windows.sweep", "sweep")
+FIXED_INFORMATION = 1e8
 """Information (1 / m^2) that stands for a coordinate fixed by choice of the frame."""
 
 
-def columns_of(reference: Reference) -> tuple[Indices, Indices]:
+def state_columns(reference: ReferenceTrajectories) -> tuple[Indices, Indices]:
     """First column of each robot (n + 1,) and the robot of each column (d,)."""
     sizes = [2 if robot.static else 3 for robot in reference.robots]
     return np.cumsum([0, *sizes]), np.repeat(np.arange(len(sizes)), sizes)
 
 
-def windows(reference: Reference, start: Indices, length: int, *, framed: bool) -> Floats:
+def window_information(
+    reference: ReferenceTrajectories, start: Indices, length: int, *, framed: bool
+) -> Floats:
     """Information about (dx, dy, dtheta) of the state at the end of each window, (w, d, d).
 
     framed: the first two static robots span the world, so that their coordinates are no question.
     """
     centre = reference.pose[:, :, :2].reshape(-1, 2).mean(axis=0)
-    table, (first, _) = reference.ranges, columns_of(reference)
+    table, (first, _) = reference.ranges, state_columns(reference)
     edges = reference.begin + np.arange(reference.noise.shape[1] + 1) * (reference.dt * 1e9)
     before = np.searchsorted(table.stamp, edges, side="right")
     middle = 0.5 * (reference.pose[:, 1:] + reference.pose[:, :-1])
@@ -41,17 +43,19 @@ def windows(reference: Reference, start: Indices, length: int, *, framed: bool) 
     Y = np.zeros((start.size, size, size))
     if framed:
         Y += frame_information(reference)
-    SWEEP(
+    WINDOW_KERNEL(
         Y, start, start + length, before, table.a, table.b, reference.ends - centre,
         table.weight_variance, first, path, reference.noise,
         np.empty(size), np.empty(6), np.empty(6, np.int64),
     )  # fmt: skip
-    return at_end(reference, Y, start + length, centre)
+    return information_at_end(reference, Y, start + length, centre)
 
 
-def at_end(reference: Reference, Y: Floats, step: Indices, centre: Floats) -> Floats:
+def information_at_end(
+    reference: ReferenceTrajectories, Y: Floats, step: Indices, centre: Floats
+) -> Floats:
     """From (e, dtheta) to (dp, dtheta) at the given steps: A^T Y A with e = dp - J p dtheta."""
-    first, _ = columns_of(reference)
+    first, _ = state_columns(reference)
     A = np.tile(np.eye(Y.shape[1]), (Y.shape[0], 1, 1))
     for i, robot in enumerate(reference.robots):
         if not robot.static:
@@ -61,14 +65,14 @@ def at_end(reference: Reference, Y: Floats, step: Indices, centre: Floats) -> Fl
     return np.asarray(A.transpose(0, 2, 1) @ Y @ A)
 
 
-def frame_information(reference: Reference) -> Floats:
+def frame_information(reference: ReferenceTrajectories) -> Floats:
     """Prior (d, d) that fixes the first static robot and the second across the line of both."""
-    first, _ = columns_of(reference)
+    first, _ = state_columns(reference)
     prior = np.zeros((int(first[-1]),) * 2)
     origin, other = [i for i, robot in enumerate(reference.robots) if robot.static][:2]
     axis = reference.pose[other, 0, :2] - reference.pose[origin, 0, :2]
     across = np.array([-axis[1], axis[0]]) / np.linalg.norm(axis)
     for i, direction in ((origin, np.eye(2)), (other, across[None])):
         block = slice(first[i], first[i] + 2)
-        prior[block, block] += FIXED * direction.T @ direction
+        prior[block, block] += FIXED_INFORMATION * direction.T @ direction
     return prior

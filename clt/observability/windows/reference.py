@@ -9,7 +9,7 @@ import numpy as np
 
 from clt.core.errors import CltError
 from clt.core.recording import Floats, Poses, Ranges, Recording, Robot, Stamps
-from clt.core.start import period
+from clt.core.start import median_period
 from clt.initialization.given.recorded import recorded_poses
 from clt.model.inputs import (
     DEFAULT_SIGMA_OMEGA,
@@ -19,16 +19,16 @@ from clt.model.inputs import (
     range_table,
     robot_segments,
 )
-from clt.model.settings import Noise
-from clt.observability.windows.track import Track, track
+from clt.model.settings import NoiseSettings
+from clt.observability.windows.track import RestingTrack, resting_track
 
-LEAST_PERIOD = 1e-3
-MOST_STEPS = 5_000_000
+MIN_PERIOD_S = 1e-3
+MAX_REFERENCE_STEPS = 5_000_000
 """Steps of all robots together that memory holds: ten robots for 14 h in steps of 0.1 s."""
 
 
 @dataclass(frozen=True)
-class Reference:
+class ReferenceTrajectories:
     """Trajectories on a common grid of S steps, and who is in the state.
 
     Robots of the state come in team order; n of them, index i.
@@ -54,12 +54,12 @@ class Reference:
     """What was assumed or left out, one line each."""
 
 
-def reference_of(recording: Recording, noise: Noise, dt: float) -> Reference:
+def build_reference(recording: Recording, noise: NoiseSettings, dt: float) -> ReferenceTrajectories:
     """Lay out a recording for analysis. Raises CltError where there is no trajectory."""
-    source, usable = trajectories(recording)
+    source, usable = choose_trajectories(recording)
     team = recording.team
     tracks = {
-        robot.name: track(recording, robot, usable[robot.name], noise)
+        robot.name: resting_track(recording, robot, usable[robot.name], noise)
         for robot in team.robots
         if robot.name in usable
     }
@@ -69,7 +69,7 @@ def reference_of(recording: Recording, noise: Noise, dt: float) -> Reference:
         for robot in team.static
         if (place := _place(recording, robot, source)) is not None
     }
-    told = positions_told(recording)
+    told = robots_of_known_position(recording)
     known = {name: place for name, place in places.items() if name in told}
     state = tuple(
         robot
@@ -87,7 +87,7 @@ def reference_of(recording: Recording, noise: Noise, dt: float) -> Reference:
     steps = int((end - begin) * 1e-9 / dt + 1e-6)
     if steps < 1:
         raise CltError(f"the {source} of all robots overlaps for less than {dt} s")
-    if steps * len(state) > MOST_STEPS:
+    if steps * len(state) > MAX_REFERENCE_STEPS:
         raise CltError(
             f"the {source} of all robots spans {steps * dt:.0f} s, too long to analyse in steps of "
             f"{dt:g} s; choose a part with --from and --to"
@@ -102,15 +102,17 @@ def reference_of(recording: Recording, noise: Noise, dt: float) -> Reference:
     index = {team.index(robot.name): i for i, robot in enumerate(state)}
     anchors = {team.index(name): np.array(place) for name, place in known.items()}
     table, assumed = range_table(
-        measured(recording), team, index, anchors, noise, begin, int(edges[-1])
+        usable_ranges(recording), team, index, anchors, noise, begin, int(edges[-1])
     )
     ends = np.stack(
         [_antenna(end, table, state, tracks, places) for end in (table.a, table.b)], axis=1
     )
-    return Reference(source, state, known, begin, dt, pose, spread, table, ends, (*notes, *assumed))
+    return ReferenceTrajectories(
+        source, state, known, begin, dt, pose, spread, table, ends, (*notes, *assumed)
+    )
 
 
-def positions_told(recording: Recording) -> frozenset[str]:
+def robots_of_known_position(recording: Recording) -> frozenset[str]:
     """Static robots of known position.
 
     Empty where ranges made the frame (Shi): there the first one is the origin by choice, and of the
@@ -130,7 +132,7 @@ def has_motion(recording: Recording, robot: Robot) -> bool:
     return robot.name in recording.odometry or robot.name in recording.estimate
 
 
-def trajectories(recording: Recording) -> tuple[str, dict[str, Poses]]:
+def choose_trajectories(recording: Recording) -> tuple[str, dict[str, Poses]]:
     """The first of estimate, truth and dead reckoning that knows the most moving robots."""
     best: tuple[str, dict[str, Poses]] = ("", {})
     for source in ("estimate", "truth", "dead_reckoning"):
@@ -175,7 +177,7 @@ def _place(recording: Recording, robot: Robot, source: str) -> tuple[float, floa
 
 def _pose(
     robot: Robot,
-    tracks: Mapping[str, Track],
+    tracks: Mapping[str, RestingTrack],
     places: Mapping[str, tuple[float, float]],
     at: Stamps,
 ) -> Floats:
@@ -186,7 +188,7 @@ def _pose(
 
 
 def _noise(
-    recording: Recording, robot: Robot, poses: Poses, noise: Noise, edges: Stamps
+    recording: Recording, robot: Robot, poses: Poses, noise: NoiseSettings, edges: Stamps
 ) -> tuple[Floats, list[str]]:
     """Variance that each step adds along the heading and to it, shape (steps, 2)."""
     dt = np.diff(edges)[:, None] * 1e-9
@@ -210,11 +212,11 @@ def _noise(
             f"m/s and {DEFAULT_SIGMA_OMEGA} rad/s; set noise.sigma_v and noise.sigma_omega"
         )
         sigma = np.where(np.isnan(sigma), [DEFAULT_SIGMA_V, DEFAULT_SIGMA_OMEGA], sigma)
-    interval = max(period(poses.stamp) * 1e-9, LEAST_PERIOD)
+    interval = max(median_period(poses.stamp) * 1e-9, MIN_PERIOD_S)
     return np.square(sigma) * interval * dt, assumed
 
 
-def measured(recording: Recording) -> Ranges:
+def usable_ranges(recording: Recording) -> Ranges:
     """The ranges of a log; of a result log those that its filter accepted."""
     table = recording.innovations
     if recording.ranges.stamp.size > 0 or table is None:
@@ -232,7 +234,7 @@ def _antenna(
     ends: np.ndarray[tuple[int], np.dtype[np.int64]],
     table: RangeTable,
     state: tuple[Robot, ...],
-    tracks: Mapping[str, Track],
+    tracks: Mapping[str, RestingTrack],
     places: Mapping[str, tuple[float, float]],
 ) -> Floats:
     """Where one end's antenna was at each range, shape (ranges, 2)."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from clt.core.recording import Floats, Indices
-from clt.jit.compiled import lean
+from clt.jit.compiled import compiled_noalloc
 
-NEAR = 1e-9
+MIN_END_DISTANCE = 1e-9
 """Ends nearer to each other than this, m, have no direction."""
 
 
-@lean
+@compiled_noalloc
 def add_end(
     g: Floats, at: Indices, k: int, first: Indices, i: int, ux: float, uy: float, p: Floats
 ) -> int:
@@ -28,14 +28,14 @@ def add_end(
     return k + 3
 
 
-@lean
+@compiled_noalloc
 def add_range(
     Y: Floats, g: Floats, at: Indices, first: Indices, a: int, b: int, ends: Floats, variance: float
 ) -> None:
     """Y += g g^T / variance of a range between robots a and b, -1 - k for fixed ones, in place."""
     dx, dy = ends[0, 0] - ends[1, 0], ends[0, 1] - ends[1, 1]
     distance = np.sqrt(dx * dx + dy * dy)
-    if distance < NEAR:
+    if distance < MIN_END_DISTANCE:
         return
     ux, uy = dx / distance, dy / distance
     size = add_end(g, at, 0, first, a, ux, uy, ends[0])
@@ -46,7 +46,7 @@ def add_range(
             Y[at[r], at[c]] += share * g[c]
 
 
-@lean
+@compiled_noalloc
 def lose_information(
     Y: Floats, X: int, gx: float, gy: float, gt: float, q: float, work: Floats
 ) -> None:
@@ -62,7 +62,7 @@ def lose_information(
                 Y[r, c] -= share * work[c]
 
 
-def sweep(
+def add_window_information(
     Y: Floats, start: Indices, stop: Indices, before: Indices, a: Indices, b: Indices,
     ends: Floats, variance: Floats, first: Indices, path: Floats, noise: Floats,
     work: Floats, g: Floats, at: Indices,

@@ -10,25 +10,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.core.recording import Floats, Odometry, Poses, Recording, Robot, Stamps
 from clt.model.motion_phases import (
     Mask,
+    MotionPhase,
     OdometryNoise,
-    Phase,
-    creeps,
-    measured_noise,
-    phases,
-    quiet,
-    samples,
+    estimate_odometry_noise,
+    find_phases,
+    is_creeping,
+    standstill_windows,
+    window_samples,
 )
-from clt.model.settings import Noise
+from clt.model.settings import NoiseSettings
 
-GAP = 1_000_000_000
+MAX_REST_GAP_NS = 1_000_000_000
 """A robot that rests before and after a gap of its odometry no longer than this stayed, ns."""
 
 
-class Track(NamedTuple):
+class RestingTrack(NamedTuple):
     """The trajectory of one robot, and its k rests."""
 
     poses: Poses
@@ -48,45 +48,55 @@ class Track(NamedTuple):
         return pose
 
 
-def track(recording: Recording, robot: Robot, poses: Poses, noise: Noise) -> Track:
+def resting_track(
+    recording: Recording, robot: Robot, poses: Poses, noise: NoiseSettings
+) -> RestingTrack:
     """Lay out the poses of a moving robot; at rest it stays at their mean."""
-    odometry = twist(recording, robot.name)
+    odometry = odometry_of(recording, robot.name)
     spans: list[tuple[int, int]] = []
     if odometry is not None:
         span = (int(poses.stamp[0]), int(poses.stamp[-1]))
-        spans = rests(odometry, measured_noise(odometry, robot, noise), span)
+        spans = find_rests(odometry, estimate_odometry_noise(odometry, robot, noise), span)
     places = [_mean(poses, *span) for span in spans]
     begin, end = np.array(spans, np.int64).reshape(-1, 2).T
-    return Track(poses, begin, end, np.array(places).reshape(-1, 3))
+    return RestingTrack(poses, begin, end, np.array(places).reshape(-1, 3))
 
 
-def twist(recording: Recording, name: str) -> Odometry | None:
+def odometry_of(recording: Recording, name: str) -> Odometry | None:
     """Odometry of a robot; in a result log that of its dead reckoning. None without either."""
     if name in recording.odometry:
         return recording.odometry[name]
     poses = recording.dead_reckoning.get(name)
-    return None if poses is None or poses.stamp.size < 2 else twist_of(poses)
+    return None if poses is None or poses.stamp.size < 2 else odometry_from_poses(poses)
 
 
-def twist_of(poses: Poses) -> Odometry:
+def odometry_from_poses(poses: Poses) -> Odometry:
     """Twist along a trajectory, as means over the interval that ends at each stamp."""
     dt = np.maximum(np.diff(poses.stamp) * 1e-9, 1e-6)
-    turn = wrap(np.diff(poses.heading))
+    turn = wrap_angle(np.diff(poses.heading))
     middle = poses.heading[:-1] + 0.5 * turn
     along = np.cos(middle) * np.diff(poses.x) + np.sin(middle) * np.diff(poses.y)
     unknown = np.full(dt.size, np.nan)
     return Odometry(poses.stamp[1:], poses.log_time[1:], along / dt, turn / dt, unknown, unknown)
 
 
-def rests(odometry: Odometry, noise: OdometryNoise, span: tuple[int, int]) -> list[tuple[int, int]]:
+def find_rests(
+    odometry: Odometry, noise: OdometryNoise, span: tuple[int, int]
+) -> list[tuple[int, int]]:
     """When (ns) a robot rests: in all windows that look so, unless it creeps through them.
 
     It rests on to the ends of the `span` (ns) of its poses where its odometry begins or ends so.
     """
-    joined: list[Phase] = []
-    for phase in phases(_some_window(quiet(odometry, noise), odometry), odometry, 0.0):
+    joined: list[MotionPhase] = []
+    for phase in find_phases(
+        _some_window(standstill_windows(odometry, noise), odometry), odometry, 0.0
+    ):
         last = joined[-1] if len(joined) > 0 else None
-        if last is not None and phase.first == last.last + 1 and phase.begin <= last.end + GAP:
+        if (
+            last is not None
+            and phase.first == last.last + 1
+            and phase.begin <= last.end + MAX_REST_GAP_NS
+        ):
             joined[-1] = last._replace(end=phase.end, last=phase.last)
         else:
             joined.append(phase)
@@ -96,7 +106,7 @@ def rests(odometry: Odometry, noise: OdometryNoise, span: tuple[int, int]) -> li
             max(p.end, span[1]) if p.last == odometry.v.size - 1 else p.end,
         )
         for p in joined
-        if not creeps(odometry, noise, p)
+        if not is_creeping(odometry, noise, p)
     ]
 
 
@@ -104,7 +114,7 @@ def _some_window(found: Mask, odometry: Odometry) -> Mask:
     """Samples of which any window of M is true."""
     if found.size == 0:
         return np.zeros(odometry.v.size, np.bool_)
-    return np.asarray(np.convolve(found, np.ones(samples(odometry))) > 0.5)
+    return np.asarray(np.convolve(found, np.ones(window_samples(odometry))) > 0.5)
 
 
 def _between(poses: Poses, stamp: Stamps) -> Floats:

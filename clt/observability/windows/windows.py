@@ -8,25 +8,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from clt.core.errors import CltError, UsageError
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.core.recording import Floats, Indices
-from clt.observability.windows.gramian import columns_of, windows
-from clt.observability.windows.reference import Reference
+from clt.observability.windows.gramian import state_columns, window_information
+from clt.observability.windows.reference import ReferenceTrajectories
 
-SEEN_POSITION, SEEN_HEADING = 1.0, 0.5
+OBSERVED_POSITION_SIGMA, OBSERVED_HEADING_SIGMA = 1.0, 0.5
 """A direction counts as observed when the window alone fixes it better than this, m and rad."""
-LEAST = 1e-6
+MIN_SCALED_INFORMATION = 1e-6
 """Scaled information below this is rounding."""
-NOTHING = 10.0
+MAX_SIGMA_FACTOR = 10.0
 """A sigma beyond so many times those bounds is told as none."""
-STEP = 0.1
+NOISE_STEP_S = 0.1
 """Of the grid on which odometry noise acts, s."""
-PER_WINDOW = 4
+STARTS_PER_WINDOW = 4
 """Windows begin so many times per their length."""
 
 
 @dataclass(frozen=True)
-class Seen:
+class RobotWindows:
     """One robot over all w windows."""
 
     name: str
@@ -43,7 +43,7 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class Windows:
+class WindowAnalysis:
     """A log's windows."""
 
     frame: str
@@ -58,36 +58,42 @@ class Windows:
     dimension: int
     rank: Indices
     """(w,): of the whole team."""
-    robots: Mapping[str, Seen]
+    robots: Mapping[str, RobotWindows]
 
 
-def sliding(reference: Reference, window: float) -> tuple[Indices, int]:
+def sliding_windows(reference: ReferenceTrajectories, window: float) -> tuple[Indices, int]:
     """First steps (w,) and length in steps of windows of `window` s, the last at the end."""
     if not window >= reference.dt:
         raise UsageError(f"--window {window:g}: at least {reference.dt:g} s")
     steps = reference.noise.shape[1]
     length = min(steps, max(1, round(min(window / reference.dt, steps))))
-    stride = max(1, length // PER_WINDOW)
+    stride = max(1, length // STARTS_PER_WINDOW)
     return np.arange((steps - length) % stride, steps - length + 1, stride), length
 
 
-def look(reference: Reference, window: float, *, framed: bool, ego: str | None = None) -> Windows:
+def evaluate_windows(
+    reference: ReferenceTrajectories, window: float, *, framed: bool, ego: str | None = None
+) -> WindowAnalysis:
     """Analyse all windows; relative to the body frame of `ego` where one is named."""
-    start, length = sliding(reference, window)
-    Y = windows(reference, start, length, framed=framed)
-    owner = columns_of(reference)[1]
+    start, length = sliding_windows(reference, window)
+    Y = window_information(reference, start, length, framed=framed)
+    owner = state_columns(reference)[1]
     ids = [k for k, robot in enumerate(reference.robots) if robot.name != ego]
     pose = reference.pose[:, start + length].transpose(1, 0, 2)
     if ego is not None:
         centre = next((k for k, one in enumerate(reference.robots) if one.name == ego), None)
         if centre is None:
             raise CltError(f"no {reference.source} of {ego}: no windows in its frame")
-        Y, pose = relative(reference, Y, pose, centre)
+        Y, pose = relative_information(reference, Y, pose, centre)
         owner = owner[owner != centre]
     heading = np.array([not robot.static for robot in reference.robots])
-    bounds = np.where(np.arange(owner.size) - first_of(owner) == 2, SEEN_HEADING, SEEN_POSITION)
+    bounds = np.where(
+        np.arange(owner.size) - first_column_of(owner) == 2,
+        OBSERVED_HEADING_SIGMA,
+        OBSERVED_POSITION_SIGMA,
+    )
     value, vector = np.linalg.eigh(Y * bounds[:, None] * bounds)
-    spread = vector / np.sqrt(np.maximum(value, LEAST))[:, None, :]
+    spread = vector / np.sqrt(np.maximum(value, MIN_SCALED_INFORMATION))[:, None, :]
     covariance = spread @ spread.transpose(0, 2, 1)
     anchors = dict(reference.known) if ego is None else {}
     robots = {}
@@ -100,8 +106,8 @@ def look(reference: Reference, window: float, *, framed: bool, ego: str | None =
         }
         if ego is not None:
             others[ego] = np.zeros((len(start), 2))
-        robots[name] = _seen(name, block, pose[:, k], others, moving=bool(heading[k]))
-    return Windows(
+        robots[name] = _robot_windows(name, block, pose[:, k], others, moving=bool(heading[k]))
+    return WindowAnalysis(
         "world" if ego is None else f"{ego}/base_link",
         reference.source,
         np.asarray(start * reference.dt, np.float64),
@@ -113,18 +119,20 @@ def look(reference: Reference, window: float, *, framed: bool, ego: str | None =
     )
 
 
-def first_of(owner: Indices) -> Indices:
+def first_column_of(owner: Indices) -> Indices:
     """Column at which each column's robot begins, shape (d,)."""
     return np.searchsorted(owner, owner)
 
 
-def relative(reference: Reference, Y: Floats, pose: Floats, ego: int) -> tuple[Floats, Floats]:
+def relative_information(
+    reference: ReferenceTrajectories, Y: Floats, pose: Floats, ego: int
+) -> tuple[Floats, Floats]:
     """Information about, and poses of, all others in the body frame of one robot.
 
     With x_j = x_ego T_j the errors in the world are dp_j = dp_i + J (p_j - p_i) dtheta_i + R_i dr_j
     and dtheta_j = dtheta_i + dphi_j; the ego's own pose is then marginalized.
     """
-    first, owner = columns_of(reference)
+    first, owner = state_columns(reference)
     own = np.flatnonzero(owner == ego)
     rest = np.flatnonzero(owner != ego)
     B = np.tile(np.eye(owner.size), (Y.shape[0], 1, 1))
@@ -133,7 +141,7 @@ def relative(reference: Reference, Y: Floats, pose: Floats, ego: int) -> tuple[F
     for j, robot in enumerate(reference.robots):
         d = pose[:, j, :2] - pose[:, ego, :2]
         seen[:, j, 0], seen[:, j, 1] = c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0]
-        seen[:, j, 2] = wrap(pose[:, j, 2] - pose[:, ego, 2])
+        seen[:, j, 2] = wrap_angle(pose[:, j, 2] - pose[:, ego, 2])
         if j == ego:
             continue
         x = int(first[j])
@@ -144,32 +152,32 @@ def relative(reference: Reference, Y: Floats, pose: Floats, ego: int) -> tuple[F
             B[:, x + 2, own[2]] = 1.0
     Y = B.transpose(0, 2, 1) @ Y @ B
     cross = Y[:, own[:, None], rest]
-    inner = Y[:, own[:, None], own] + LEAST * np.eye(own.size)
+    inner = Y[:, own[:, None], own] + MIN_SCALED_INFORMATION * np.eye(own.size)
     left = Y[:, rest[:, None], rest] - cross.transpose(0, 2, 1) @ np.linalg.solve(inner, cross)
     return left, seen
 
 
-def _seen(
+def _robot_windows(
     name: str, block: Floats, pose: Floats, others: Mapping[str, Floats], *, moving: bool
-) -> Seen:
+) -> RobotWindows:
     """One robot's numbers from its scaled marginal covariances (w, 2 or 3, 2 or 3)."""
     value, vector = np.linalg.eigh(block)
-    limit = NOTHING**2
+    limit = MAX_SIGMA_FACTOR**2
     position = np.linalg.eigvalsh(block[:, :2, :2])[:, -1]
-    sigma = np.where(position < limit, SEEN_POSITION * np.sqrt(position), np.inf)
+    sigma = np.where(position < limit, OBSERVED_POSITION_SIGMA * np.sqrt(position), np.inf)
     turn = np.full(len(block), np.nan)
     weakest = np.zeros((len(block), 3))
     weakest[:, : block.shape[1]] = vector[:, :, -1]
     if moving:
         variance = block[:, 2, 2]
-        turn = np.where(variance < limit, SEEN_HEADING * np.sqrt(variance), np.inf)
-    words = _words(weakest, pose, others, moving=moving)
-    scaled = weakest * [SEEN_POSITION, SEEN_POSITION, SEEN_HEADING]
+        turn = np.where(variance < limit, OBSERVED_HEADING_SIGMA * np.sqrt(variance), np.inf)
+    words = _direction_names(weakest, pose, others, moving=moving)
+    scaled = weakest * [OBSERVED_POSITION_SIGMA, OBSERVED_POSITION_SIGMA, OBSERVED_HEADING_SIGMA]
     scaled /= np.linalg.norm(scaled, axis=1)[:, None]
-    return Seen(name, np.sum(value <= 1.0, axis=1), sigma, turn, scaled, words)
+    return RobotWindows(name, np.sum(value <= 1.0, axis=1), sigma, turn, scaled, words)
 
 
-def _words(
+def _direction_names(
     weakest: Floats, pose: Floats, others: Mapping[str, Floats], *, moving: bool
 ) -> tuple[str, ...]:
     """Name scaled directions (w, 3) by the most similar candidate, per window."""
@@ -186,7 +194,7 @@ def _words(
         vectors.append(np.stack([-d[:, 1], d[:, 0], zero], 1))
         if moving:
             names.append(f"rotation about {name}")
-            vectors.append(np.stack([-d[:, 1], d[:, 0], one / SEEN_HEADING], 1))
+            vectors.append(np.stack([-d[:, 1], d[:, 0], one / OBSERVED_HEADING_SIGMA], 1))
     stack = np.stack(vectors)
     length = np.linalg.norm(stack, axis=2)
     likeness = np.abs(np.einsum("nwk,wk->nw", stack, weakest)) / np.where(
@@ -195,7 +203,7 @@ def _words(
     return tuple(names[k] for k in np.argmax(np.round(likeness, 2), axis=0))
 
 
-def as_list(found: Windows) -> Sequence[Mapping[str, object]]:
+def windows_as_list(found: WindowAnalysis) -> Sequence[Mapping[str, object]]:
     """The windows for `--json`: no information at all is null."""
     return [
         {
@@ -205,13 +213,13 @@ def as_list(found: Windows) -> Sequence[Mapping[str, object]]:
             "rank": int(found.rank[w]),
             "nullity": found.dimension - int(found.rank[w]),
             "observable": bool(found.rank[w] == found.dimension),
-            "robots": {name: _robot(seen, w) for name, seen in found.robots.items()},
+            "robots": {name: _robot_as_dict(seen, w) for name, seen in found.robots.items()},
         }
         for w in range(found.rank.size)
     ]
 
 
-def _robot(seen: Seen, w: int) -> Mapping[str, object]:
+def _robot_as_dict(seen: RobotWindows, w: int) -> Mapping[str, object]:
     position, turn = float(seen.sigma_position[w]), float(seen.sigma_heading[w])
     told: dict[str, object] = {
         "rank": int(seen.rank[w]),

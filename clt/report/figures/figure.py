@@ -14,43 +14,45 @@ from clt.core.recording import Recording
 from clt.metrics.evaluation import Evaluation
 from clt.report.figures import plain
 from clt.report.figures.panels import (
-    heading_error,
-    innovations,
-    painted,
-    position_error,
-    span,
-    trajectories,
+    draw_heading_error,
+    draw_innovations,
+    draw_position_error,
+    draw_trajectories,
+    matched_time_limits,
+    scored_robot_colours,
 )
-from clt.report.figures.style import INK, RC, UNDATED, Form
+from clt.report.figures.style import INK_COLOUR, RC_PARAMS, UNDATED_METADATA, ImageFormat
 
-MOST = 3
+MAX_NAMES_WITHOUT_TRUTH = 3
 """As many robots without truth are named."""
 
 
-def draw(file: BinaryIO, form: Form, recording: Recording, evaluation: Evaluation | None) -> None:
+def draw_log_figure(
+    file: BinaryIO, form: ImageFormat, recording: Recording, evaluation: Evaluation | None
+) -> None:
     """Write the figure; the same recording gives the same bytes.
 
     Without an evaluation it shows what was estimated, or only measured. Raises CltError where
     there is nothing to draw.
     """
     if evaluation is None:
-        plain.draw(file, form, recording)
+        plain.draw_unscored_figure(file, form, recording)
         return
-    with mpl.rc_context(RC):  # type: ignore[arg-type]
-        figure = compose(recording, evaluation)
-        figure.savefig(file, format=form, metadata=UNDATED[form])
+    with mpl.rc_context(RC_PARAMS):  # type: ignore[arg-type]
+        figure = compose_evaluation_figure(recording, evaluation)
+        figure.savefig(file, format=form, metadata=UNDATED_METADATA[form])
 
 
-def svg(recording: Recording, evaluation: Evaluation | None) -> str:
+def log_figure_svg(recording: Recording, evaluation: Evaluation | None) -> str:
     """The figure as an `<svg>` element, without the XML prologue."""
     buffer = BytesIO()
-    draw(buffer, "svg", recording, evaluation)
+    draw_log_figure(buffer, "svg", recording, evaluation)
     text = buffer.getvalue().decode()
     return text[text.index("<svg") :]
 
 
-def compose(recording: Recording, evaluation: Evaluation) -> Figure:
-    """Lay out the panels; inside `matplotlib.rc_context(RC)`."""
+def compose_evaluation_figure(recording: Recording, evaluation: Evaluation) -> Figure:
+    """Lay out the panels; inside `matplotlib.rc_context(RC_PARAMS)`."""
     figure = Figure(figsize=(12.0, 6.75))
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(
@@ -59,20 +61,24 @@ def compose(recording: Recording, evaluation: Evaluation) -> Figure:
     )  # fmt: skip
     left = figure.add_subplot(grid[:, 0])
     right = [figure.add_subplot(grid[row, 1]) for row in range(3)]
-    trajectories(left, recording, evaluation)
-    for axes, panel in zip(right, (position_error, heading_error, innovations), strict=True):
+    draw_trajectories(left, recording, evaluation)
+    for axes, panel in zip(
+        right, (draw_position_error, draw_heading_error, draw_innovations), strict=True
+    ):
         panel(axes, recording, evaluation)
     for axes in right:
-        axes.set_xlim(*span(evaluation))
+        axes.set_xlim(*matched_time_limits(evaluation))
     for axes in right[:2]:
         axes.tick_params(labelbottom=False)
     figure.align_ylabels(right)
-    figure.suptitle(title(evaluation), x=0.05, y=0.975, ha="left", size=14, weight="bold")
-    figure.text(0.05, 0.912, subtitle(recording, evaluation), size=10, color=INK)
+    figure.suptitle(
+        evaluation_title(evaluation), x=0.05, y=0.975, ha="left", size=14, weight="bold"
+    )
+    figure.text(0.05, 0.912, evaluation_subtitle(recording, evaluation), size=10, color=INK_COLOUR)
     return figure
 
 
-def title(evaluation: Evaluation) -> str:
+def evaluation_title(evaluation: Evaluation) -> str:
     """The team's figures in one line."""
     team, baseline = evaluation.estimate.team, evaluation.dead_reckoning.team
     if team is None:
@@ -86,10 +92,10 @@ def title(evaluation: Evaluation) -> str:
     return text
 
 
-def subtitle(recording: Recording, evaluation: Evaluation) -> str:
+def evaluation_subtitle(recording: Recording, evaluation: Evaluation) -> str:
     """What was compared, and how."""
     team = evaluation.estimate.team
-    count = len(painted(recording, evaluation))
+    count = len(scored_robot_colours(recording, evaluation))
     rest = [name for name in recording.estimate if name not in evaluation.estimate.tracks]
     parts = [] if evaluation.filter is None else [f"filter {evaluation.filter}"]
     parts += [f"{count} robot{'s' if count != 1 else ''}", f"align {evaluation.align}"]
@@ -98,7 +104,10 @@ def subtitle(recording: Recording, evaluation: Evaluation) -> str:
         if team.anees is not None:
             parts.append(f"ANEES {team.anees.value:.3g} (3 expected)")
     if len(rest) > 0:
-        parts.append(f"no truth: {', '.join(rest[:MOST])}" + (" ..." if len(rest) > MOST else ""))
+        parts.append(
+            f"no truth: {', '.join(rest[:MAX_NAMES_WITHOUT_TRUTH])}"
+            + (" ..." if len(rest) > MAX_NAMES_WITHOUT_TRUTH else "")
+        )
     if evaluation.mirror:
         parts.append("MIRRORED")
     return "   \N{MIDDLE DOT}   ".join(parts)

@@ -10,9 +10,9 @@ from clt.core.recording import Recording
 from clt.metrics.evaluation import Evaluation
 from clt.metrics.scores import Score
 from clt.report.figures import plain
-from clt.report.figures.figure import subtitle, svg, title
+from clt.report.figures.figure import evaluation_subtitle, evaluation_title, log_figure_svg
 
-STYLE = """
+PAGE_STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #222; margin: 2rem auto; max-width: 1240px;
        padding: 0 1rem; }
 svg { width: 100%; height: auto; }
@@ -21,21 +21,23 @@ th, td { text-align: right; padding: .25rem .9rem; border-bottom: 1px solid #e4e
 th:first-child, td:first-child { text-align: left; }
 .baseline { color: #777; } .warning { color: #b00020; }
 """
-HEAD = (
+SCORE_HEADINGS = (
     "", "APE rmse, m", "median", "p95", "max", "heading rmse, rad", "\N{DEGREE SIGN}", "ANEES",
     "matched",
 )  # fmt: skip
 
 
-def page(log: str, recording: Recording, evaluation: Evaluation | None) -> str:
+def html_page(log: str, recording: Recording, evaluation: Evaluation | None) -> str:
     """The whole page; it loads nothing from elsewhere. Raises CltError as `draw` does."""
-    figure = svg(recording, evaluation)
+    figure = log_figure_svg(recording, evaluation)
     if evaluation is None:
-        return _whole(log, plain.title(recording), plain.subtitle(recording), figure)
+        return _html_document(
+            log, plain.unscored_title(recording), plain.unscored_subtitle(recording), figure
+        )
     warnings = "\n".join(
         f'<p class="warning">{escape(warned.text)}</p>' for warned in evaluation.warnings
     )
-    head = "".join(f"<th>{escape(name)}</th>" for name in HEAD)
+    head = "".join(f"<th>{escape(name)}</th>" for name in SCORE_HEADINGS)
     rest = f"""{warnings}
 <table>
 <thead><tr>{head}</tr></thead>
@@ -43,17 +45,22 @@ def page(log: str, recording: Recording, evaluation: Evaluation | None) -> str:
 {"".join(_rows(evaluation))}</tbody>
 </table>
 """
-    return _whole(log, title(evaluation), subtitle(recording, evaluation), figure + "\n" + rest)
+    return _html_document(
+        log,
+        evaluation_title(evaluation),
+        evaluation_subtitle(recording, evaluation),
+        figure + "\n" + rest,
+    )
 
 
-def _whole(log: str, headline: str, about: str, body: str) -> str:
+def _html_document(log: str, headline: str, about: str, body: str) -> str:
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{escape(log)}: {escape(headline)}</title>
-<style>{STYLE}</style>
+<style>{PAGE_STYLE}</style>
 </head>
 <body>
 <h1>{escape(log)}</h1>

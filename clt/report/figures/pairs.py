@@ -9,29 +9,29 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from clt.core.recording import Floats, Indices, Stamps, Team
-from clt.report.figures.style import COLOURS, INK, quiet
-from clt.report.figures.thin import every
+from clt.report.figures.style import INK_COLOUR, ROBOT_COLOURS, style_axes
+from clt.report.figures.thin import decimation_slice
 
-FEW = 4
+MAX_PAIRS_AS_DOTS = 4
 """More pairs than this are strips."""
-BINS = 240
-LABELLED, TALL = 14, 60
+STRIP_BINS = 240
+MAX_STRIP_LABELS, MAX_TALL_STRIP_LABELS = 14, 60
 """More strips than this have no names, in a panel of a quarter or of the whole height."""
-POINTS = 1500
-TYPICAL = 99.0
+MAX_POINTS_PER_PAIR = 1500
+PAIR_AXIS_PERCENTILE = 99.0
 
 
 @dataclass(frozen=True)
-class Series:
+class PairSeries:
     """One pair: times in s and values, shape (n,)."""
 
     time: Floats
     value: Floats
 
 
-def by_pair(
+def series_by_pair(
     stamp: Stamps, source: Indices, target: Indices, value: Floats, team: Team, begin: int
-) -> dict[str, Series]:
+) -> dict[str, PairSeries]:
     """The finite values of each pair `A-B`, in the order of the team; `begin` (ns) is time 0."""
     low, high = np.minimum(source, target), np.maximum(source, target)
     good = np.isfinite(value)
@@ -40,13 +40,13 @@ def by_pair(
         i, j = divmod(key, len(team.robots))
         rows = np.flatnonzero(good & (low == i) & (high == j))
         pair = f"{team.names[i]}-{team.names[j]}"
-        found[pair] = Series((stamp[rows] - begin) / 1e9, value[rows])
+        found[pair] = PairSeries((stamp[rows] - begin) / 1e9, value[rows])
     return found
 
 
-def draw(
+def draw_pairs(
     axes: Axes,
-    pairs: Mapping[str, Series],
+    pairs: Mapping[str, PairSeries],
     title: str,
     unit: str,
     *,
@@ -55,48 +55,58 @@ def draw(
 ) -> None:
     """The values of all pairs in one panel; `signed` ones around zero."""
     axes.set_title(title)
-    quiet(axes)
+    style_axes(axes)
     if len(pairs) == 0:
-        axes.text(0.5, 0.5, "none in this log", transform=axes.transAxes, ha="center", color=INK)
-    elif len(pairs) <= FEW:
+        axes.text(
+            0.5, 0.5, "none in this log", transform=axes.transAxes, ha="center", color=INK_COLOUR
+        )
+    elif len(pairs) <= MAX_PAIRS_AS_DOTS:
         _dots(axes, pairs, unit, signed=signed)
     else:
-        _strips(axes, pairs, unit, signed=signed, most=TALL if tall else LABELLED)
+        _strips(
+            axes,
+            pairs,
+            unit,
+            signed=signed,
+            most=MAX_TALL_STRIP_LABELS if tall else MAX_STRIP_LABELS,
+        )
 
 
-def _typical(pairs: Mapping[str, Series]) -> float:
+def _axis_limit(pairs: Mapping[str, PairSeries]) -> float:
     values = np.abs(np.concatenate([one.value for one in pairs.values()]))
-    return max(float(np.percentile(values, TYPICAL)), 1e-6)
+    return max(float(np.percentile(values, PAIR_AXIS_PERCENTILE)), 1e-6)
 
 
-def _dots(axes: Axes, pairs: Mapping[str, Series], unit: str, *, signed: bool) -> None:
-    for (pair, one), shade in zip(pairs.items(), COLOURS, strict=False):
-        kept = every(len(one.time), POINTS)
+def _dots(axes: Axes, pairs: Mapping[str, PairSeries], unit: str, *, signed: bool) -> None:
+    for (pair, one), shade in zip(pairs.items(), ROBOT_COLOURS, strict=False):
+        kept = decimation_slice(len(one.time), MAX_POINTS_PER_PAIR)
         axes.plot(
             one.time[kept], one.value[kept], ".", color=shade, markersize=2.6,
             markeredgewidth=0, alpha=0.75, label=pair,
         )  # fmt: skip
-    top = 1.3 * _typical(pairs)
+    top = 1.3 * _axis_limit(pairs)
     axes.set_ylim(-top if signed else 0.0, top)
     if signed:
-        axes.axhline(0.0, color=INK, linewidth=0.6)
+        axes.axhline(0.0, color=INK_COLOUR, linewidth=0.6)
     axes.set_ylabel(unit)
     axes.legend(
-        ncols=FEW, loc="lower right", bbox_to_anchor=(1.01, 0.97), markerscale=4,
+        ncols=MAX_PAIRS_AS_DOTS, loc="lower right", bbox_to_anchor=(1.01, 0.97), markerscale=4,
         handletextpad=0.1, columnspacing=0.9, borderpad=0.0,
     )  # fmt: skip
 
 
-def _strips(axes: Axes, pairs: Mapping[str, Series], unit: str, *, signed: bool, most: int) -> None:
+def _strips(
+    axes: Axes, pairs: Mapping[str, PairSeries], unit: str, *, signed: bool, most: int
+) -> None:
     """Means over equal spans of time, coloured; white where there is none."""
     end = max(1e-3, *(float(one.time[-1]) for one in pairs.values()))
-    image = np.full((len(pairs), BINS), np.nan)
+    image = np.full((len(pairs), STRIP_BINS), np.nan)
     for row, one in enumerate(pairs.values()):
-        place = np.clip((one.time / end * BINS).astype(np.int64), 0, BINS - 1)
-        count = np.bincount(place, minlength=BINS)
-        total = np.bincount(place, one.value, minlength=BINS)
+        place = np.clip((one.time / end * STRIP_BINS).astype(np.int64), 0, STRIP_BINS - 1)
+        count = np.bincount(place, minlength=STRIP_BINS)
+        total = np.bincount(place, one.value, minlength=STRIP_BINS)
         image[row, count > 0] = total[count > 0] / count[count > 0]
-    top = _typical(pairs)
+    top = _axis_limit(pairs)
     drawn = axes.imshow(
         image, aspect="auto", interpolation="nearest", extent=(0.0, end, len(pairs) - 0.5, -0.5),
         cmap="PuOr" if signed else "viridis", vmin=-top if signed else 0.0, vmax=top,

@@ -6,38 +6,38 @@ from typing import Any, Literal
 
 from matplotlib.axes import Axes
 
-Form = Literal["png", "svg", "pdf"]
-FORMS: dict[str, Form] = {".png": "png", ".svg": "svg", ".pdf": "pdf"}
-UNDATED: dict[Form, dict[str, None]] = {
+ImageFormat = Literal["png", "svg", "pdf"]
+IMAGE_FORMATS: dict[str, ImageFormat] = {".png": "png", ".svg": "svg", ".pdf": "pdf"}
+UNDATED_METADATA: dict[ImageFormat, dict[str, None]] = {
     "png": {"Software": None},
     "svg": {"Date": None},
     "pdf": {"CreationDate": None},
 }
 """Nothing in a file may depend on when it was made."""
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+ROBOT_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """Okabe and Ito's palette without black and yellow."""
-INK = "#222222"
-GREY = "#9a9a9a"
-FAINT = "#e4e4e4"
-ALARM = "#B00020"
+INK_COLOUR = "#222222"
+GREY_COLOUR = "#9a9a9a"
+GRID_COLOUR = "#e4e4e4"
+ALARM_COLOUR = "#B00020"
 
-RC: dict[str, Any] = {
+RC_PARAMS: dict[str, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.5,
     "axes.titlesize": 10,
     "axes.titlelocation": "left",
     "axes.titlepad": 6,
     "axes.labelsize": 9.5,
-    "axes.edgecolor": GREY,
-    "axes.labelcolor": INK,
+    "axes.edgecolor": GREY_COLOUR,
+    "axes.labelcolor": INK_COLOUR,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.axisbelow": True,
-    "text.color": INK,
+    "text.color": INK_COLOUR,
     "text.parse_math": False,
-    "xtick.color": INK,
-    "ytick.color": INK,
+    "xtick.color": INK_COLOUR,
+    "ytick.color": INK_COLOUR,
     "xtick.labelsize": 8.5,
     "ytick.labelsize": 8.5,
     "legend.frameon": False,
@@ -49,12 +49,12 @@ RC: dict[str, Any] = {
 }
 
 
-def colour(index: int) -> str:
+def robot_colour(index: int) -> str:
     """Of the robot with this place among the moving ones."""
-    return COLOURS[index % len(COLOURS)]
+    return ROBOT_COLOURS[index % len(ROBOT_COLOURS)]
 
 
-def quiet(axes: Axes) -> None:
+def style_axes(axes: Axes) -> None:
     """A faint grid and short ticks."""
-    axes.grid(visible=True, color=FAINT, linewidth=0.7)
+    axes.grid(visible=True, color=GRID_COLOUR, linewidth=0.7)
     axes.tick_params(length=3, width=0.7)

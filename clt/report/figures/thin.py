@@ -7,7 +7,7 @@ import numpy as np
 from clt.core.recording import Floats, Indices, Stamps
 
 
-def envelope(values: Floats, bins: int = 900) -> Indices:
+def envelope_rows(values: Floats, bins: int = 900) -> Indices:
     """Indices of each bin's least and largest value, in order: peaks survive. Shape (k,).
 
     `values` (n,) must be finite where they are to be drawn; short series are kept whole.
@@ -25,12 +25,12 @@ def envelope(values: Floats, bins: int = 900) -> Indices:
     return np.unique(np.concatenate(ends))
 
 
-def every(n: int, most: int) -> slice:
+def decimation_slice(n: int, most: int) -> slice:
     """Every k-th of n points, so that at most `most` remain."""
     return slice(None, None, max(1, -(-n // most)))
 
 
-def broken(stamp: Stamps, values: Floats, gap: float) -> Floats:
+def break_at_gaps(stamp: Stamps, values: Floats, gap: float) -> Floats:
     """`values` (n, ...) with NaN where the gap before a stamp exceeds `gap` s: no line across."""
     cut = np.flatnonzero(np.diff(stamp) > gap * 1e9) + 1
     shown = np.array(values, dtype=np.float64)

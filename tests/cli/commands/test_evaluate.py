@@ -16,7 +16,7 @@ from typer.testing import CliRunner, Result
 from clt.cli.app import app
 from clt.log.recording.save import save
 from clt.metrics.evaluate import evaluate
-from clt.metrics.tracks import select
+from clt.metrics.tracks import select_poses
 
 NUMBER = re.compile(r"^\s*(\w+)\s+([-0-9.e+]+)\s*$", re.MULTILINE)
 
@@ -191,7 +191,7 @@ def test_wrong_usage(log, words):
 def test_options_reach_the_metrics(tmp_path, synthetic):
     recording = synthetic()
     keep = np.arange(600) % 20 == 0
-    tracks = {name: select(track, keep) for name, track in recording.estimate.items()}
+    tracks = {name: select_poses(track, keep) for name, track in recording.estimate.items()}
     path = write(tmp_path / "a.mcap", replace(recording, estimate=tracks))
     data = json.loads(clt(path, "--max-gap", "1.0", "--delta", "2m", "--json").stdout)
     assert data["association"] == {"method": "interpolate", "max_gap": 1.0}
@@ -210,12 +210,12 @@ def test_equals_evo(tmp_path, synthetic, offset):
     recording = synthetic()
     keep = np.arange(600) % 3 > 0
     truth = dict(recording.truth)
-    truth["R2"] = select(truth["R2"], keep)
+    truth["R2"] = select_poses(truth["R2"], keep)
     tracks = {
         name: replace(track, stamp=track.stamp + offset)
         for name, track in recording.estimate.items()
     }
-    tracks["R3"] = select(tracks["R3"], keep)
+    tracks["R3"] = select_poses(tracks["R3"], keep)
     path = write(tmp_path / "a.mcap", replace(recording, truth=truth, estimate=tracks))
     found = clt(path, "--align", "none", "--associate", "nearest", "--json")
     evaluation = json.loads(found.stdout)

@@ -30,8 +30,8 @@ def folder(tmp_path: Path) -> Path:
     ranges[0] = ([0, 1], t, 1.0 + t)
     path = tmp_path / "data"
     path.mkdir()
-    savemat(path / thu.MAT, {"robot": robot, "range_m": ranges})
-    (path / thu.SURVEY).write_bytes(b"ID0\r\n1.5,-2.5\r\n")
+    savemat(path / thu.MAT_FILE, {"robot": robot, "range_m": ranges})
+    (path / thu.SURVEY_FILE).write_bytes(b"ID0\r\n1.5,-2.5\r\n")
     return path
 
 
@@ -49,8 +49,8 @@ def test_round_trip(folder: Path, tmp_path: Path) -> None:
     assert np.array_equal(log.ranges.range, direct.ranges.raw)
     assert log.truth["R1"].heading == pytest.approx(direct.truth["R1"].heading)
     assert list(json.loads(log.run["inputs"])) == [
-        str(folder / thu.MAT),
-        str(folder / thu.SURVEY),
+        str(folder / thu.MAT_FILE),
+        str(folder / thu.SURVEY_FILE),
     ]
 
 
@@ -107,7 +107,7 @@ def test_wrong_usage(folder: Path, tmp_path: Path) -> None:
 
 
 def test_bad_input_leaves_no_log(folder: Path, tmp_path: Path) -> None:
-    (folder / thu.SURVEY).unlink()
+    (folder / thu.SURVEY_FILE).unlink()
     result = clt("thu", folder, "-o", tmp_path / "out.mcap")
     assert result.exit_code == 1
     assert "Data1.txt: No such file" in result.stderr

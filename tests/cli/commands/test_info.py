@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from clt.cli.app import app
 from clt.core.recording import Robot, Team
-from clt.log.recording.metadata import TEAM, encode_team
+from clt.log.recording.metadata import TEAM_RECORD, encode_team
 from tests.log.logs import odometry_message, range_message, small_log, write_log
 
 SECOND = 10**9
@@ -88,7 +88,10 @@ def test_text_names_robots_pairs_and_gaps(clt, tmp_path):
                 "/R1/uwb/range": ("range", [(t, range_message(t, 1, 9, 2.0)) for t in stamps]),
                 "/R1/odom": ("odometry", [(t, odometry_message(t, 1.0, 0.0)) for t in stamps]),
             },
-            [(TEAM, encode_team(team)), ("clt.run", {"command": "clt simulate", "seed": "7"})],
+            [
+                (TEAM_RECORD, encode_team(team)),
+                ("clt.run", {"command": "clt simulate", "seed": "7"}),
+            ],
         )
     )
     code, out, err = clt("info", path)

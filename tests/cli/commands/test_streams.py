@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from clt.cli.app import app
 from clt.core.recording import Robot, Team
-from clt.log.recording.metadata import TEAM, encode_team
+from clt.log.recording.metadata import TEAM_RECORD, encode_team
 from tests.log.logs import Cdr, odometry_message, pose_message, range_message, write_log
 from tests.log.ros_bags import ros_bag, team
 
@@ -184,7 +184,11 @@ def test_json_and_files(tmp_path):
     ("topics", "metadata", "said"),
     [
         ({"/img": FLOAT}, (), "no topic looks like odometry"),
-        ({"/R1/odom": "odometry"}, [(TEAM, encode_team(Team((Robot("R1", 1),))))], "clt wrote"),
+        (
+            {"/R1/odom": "odometry"},
+            [(TEAM_RECORD, encode_team(Team((Robot("R1", 1),))))],
+            "clt wrote",
+        ),
     ],
 )
 def test_logs_that_need_or_allow_none(tmp_path, topics, metadata, said):

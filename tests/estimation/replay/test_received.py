@@ -13,20 +13,30 @@ from clt.core.recording import Odometry, Robot, no_ranges
 from clt.estimation import estimators
 from clt.estimation.estimators import Estimator
 from clt.estimation.replay import received
-from clt.estimation.replay.fixed_lag import all_blocks
+from clt.estimation.replay.fixed_lag import outputs_at_times
 from clt.initialization.given.truth import from_truth
-from clt.model.arrivals import LEAST_STEP, MOST_STEP, epochs, weighed_on_arrival
-from clt.model.choices import parse_view
-from clt.model.inputs import RangeTable, correlated_variance
-from clt.model.known_odometry import LAGS, driver, habit, known_segments
-from clt.model.problem import lay_out
-from clt.model.settings import FilterSettings, Noise
+from clt.model.arrivals import (
+    MAX_EPOCH_STEP_NS,
+    MIN_EPOCH_STEP_NS,
+    inflate_by_arrived_ranges,
+    replay_epochs,
+)
+from clt.model.choices import parse_frame_spec
+from clt.model.inputs import RangeTable, inflated_variances
+from clt.model.known_odometry import (
+    LAG_PERIODS,
+    arrived_segments,
+    make_odometry_input,
+    odometry_statistics,
+)
+from clt.model.problem import build_problem
+from clt.model.settings import FilterSettings, NoiseSettings
 from tests.filters.teams import drive, team_recording
 
 DEFAULTS = FilterSettings()
 SIGMA = (0.1, 0.1, 0.1)
 MS = 1_000_000
-EGO = Estimator("eskf", parse_view("ego:R1"))
+EGO = Estimator("eskf", parse_frame_spec("ego:R1"))
 
 
 def picked(stream, rows):
@@ -66,10 +76,10 @@ def until(recording, now):
 
 def sorted_at(recording, start, settings, estimator, stamps):
     """The sorted replay with every block at the given stamps."""
-    problem = lay_out(recording, start, settings, estimator.view)
-    problem = replace(problem, outputs=all_blocks(len(problem.robots), stamps))
+    problem = build_problem(recording, start, settings, estimator.view)
+    problem = replace(problem, outputs=outputs_at_times(len(problem.robots), stamps))
     solution = estimator.run(problem, settings)
-    return estimators.posterior_of(recording, problem, solution, settings, estimator.filter)
+    return estimators.make_posterior(recording, problem, solution, settings, estimator.filter)
 
 
 def distance_error(recording, posterior, name, ego="R1"):
@@ -115,8 +125,8 @@ def astray(recording):
         (lambda recording: recording, Estimator()),
         (lambda recording: recording, EGO),
         (lambda recording: recording, Estimator("ukf", EGO.view)),
-        (lambda recording: recording, Estimator("ekf", parse_view("ego:S1"))),
-        (lambda recording: recording, Estimator("ekf", parse_view("mutual:R1,R3"))),
+        (lambda recording: recording, Estimator("ekf", parse_frame_spec("ego:S1"))),
+        (lambda recording: recording, Estimator("ekf", parse_frame_spec("mutual:R1,R3"))),
         (floating, Estimator()),
         (with_outliers, Estimator()),
         (astray, Estimator()),
@@ -133,7 +143,7 @@ def test_without_delays_it_is_the_sorted_replay(change, estimator):
         wrong = replace(start.poses["R2"], mean=start.poses["R2"].mean + np.array([2.0, 2.0, 1.0]))
         start = replace(start, poses={**start.poses, "R2": wrong})
     settings = FilterSettings(reacquire=1.0)
-    posterior = received.replay(recording, start, settings, estimator)
+    posterior = received.replay_recording(recording, start, settings, estimator)
     stamp = next(iter(posterior.poses.values())).stamp
     np.testing.assert_array_equal(stamp[1:], recording.odometry["R1"].stamp)
     expected = sorted_at(recording, start, settings, estimator, stamp)
@@ -159,10 +169,10 @@ def test_filters_of_many_hypotheses_go_on_from_their_beliefs(filter_):
     start = from_truth(recording, SIGMA)
     settings = FilterSettings(pf={"particles": 300})
     estimator = Estimator(filter_, EGO.view)
-    posterior = received.replay(recording, start, settings, estimator)
-    again = received.replay(recording, start, settings, estimator)
+    posterior = received.replay_recording(recording, start, settings, estimator)
+    again = received.replay_recording(recording, start, settings, estimator)
     np.testing.assert_array_equal(posterior.poses["R2"].x, again.poses["R2"].x)
-    gaussian = received.replay(recording, start, settings, EGO)
+    gaussian = received.replay_recording(recording, start, settings, EGO)
     error, least = (distance_error(recording, each, "R2") for each in (posterior, gaussian))
     assert error < 1.3 * least + 0.02
 
@@ -181,7 +191,7 @@ def test_once_all_has_arrived_lateness_is_forgotten(estimator):
             late.ranges.log_time if name is None else late.odometry[name].log_time,
         ),
     )  # fmt: skip
-    posterior = received.replay(prompt, start, DEFAULTS, estimator)
+    posterior = received.replay_recording(prompt, start, DEFAULTS, estimator)
     assert not any("arrived more than" in line for line in posterior.warnings)
     stamp = next(iter(posterior.poses.values())).stamp
     expected = sorted_at(recording, start, DEFAULTS, estimator, stamp)
@@ -221,20 +231,22 @@ def with_everything(seed=3):
     )
 
 
-@pytest.mark.parametrize("estimator", [Estimator(), EGO, Estimator("ekf", parse_view("ego:R3"))])
+@pytest.mark.parametrize(
+    "estimator", [Estimator(), EGO, Estimator("ekf", parse_frame_spec("ego:R3"))]
+)
 def test_nothing_from_the_future_reaches_an_estimate(estimator):
     recording = with_everything()
     start = from_truth(recording, SIGMA)
     settings = FilterSettings(noise={"v_per_v": 0.1}, received={"lag": 0.25})
-    whole = received.replay(recording, start, settings, estimator)
+    whole = received.replay_recording(recording, start, settings, estimator)
     for now in (400 * MS, 1_234 * MS, 3_001 * MS, 4_777 * MS):
         cut = until(recording, now)
         assert cut.ranges.stamp.size < recording.ranges.stamp.size
-        part = received.replay(cut, start, settings, estimator)
+        part = received.replay_recording(cut, start, settings, estimator)
         for name, poses in whole.poses.items():
             stamp = part.poses[name].stamp
             same = int(np.sum((stamp <= now) & (stamp < stamp[-1])))
-            assert stamp[same] > now - MOST_STEP
+            assert stamp[same] > now - MAX_EPOCH_STEP_NS
             for column in ("stamp", "x", "y", "heading", "covariance"):
                 np.testing.assert_array_equal(
                     getattr(part.poses[name], column)[:same], getattr(poses, column)[:same]
@@ -244,10 +256,10 @@ def test_nothing_from_the_future_reaches_an_estimate(estimator):
 def test_fusing_late_beats_dropping_what_is_late():
     recording = delayed(team_recording(seed=4, seconds=15.0))
     start = from_truth(recording, SIGMA)
-    by_stamp = estimators.localize(recording, start, DEFAULTS, EGO)
-    fused = received.replay(recording, start, DEFAULTS, EGO)
+    by_stamp = estimators.localize_recording(recording, start, DEFAULTS, EGO)
+    fused = received.replay_recording(recording, start, DEFAULTS, EGO)
     dropping = FilterSettings(received={"lag": 0.0})
-    dropped = received.replay(recording, start, dropping, EGO)
+    dropped = received.replay_recording(recording, start, dropping, EGO)
     assert dropped.innovations.stamp.size < 0.5 * fused.innovations.stamp.size
     for name in ("R2", "R3"):
         error = distance_error(recording, fused, name)
@@ -265,17 +277,17 @@ def test_what_comes_later_than_the_lag_is_left_out_and_counted():
         ranges=replace(recording.ranges, log_time=recording.ranges.stamp + 300 * MS * slow),
     )
     settings = FilterSettings(received={"lag": 0.25})
-    posterior = received.replay(late, start, settings)
+    posterior = received.replay_recording(late, start, settings)
     assert (
         f"{slow.sum()} ranges and 0 odometry samples arrived more than 0.25 s after their stamps: "
         "these ranges are not used; raise received.lag"
     ) in posterior.warnings
     without = replace(recording, ranges=picked(recording.ranges, ~slow))
-    expected = received.replay(without, start, settings)
+    expected = received.replay_recording(without, start, settings)
     for name in ("R1", "R2", "R3"):
         np.testing.assert_array_equal(posterior.poses[name].x, expected.poses[name].x)
     assert posterior.innovations.stamp.size == (~slow).sum()
-    patient = received.replay(late, start, FilterSettings(received={"lag": 0.4}))
+    patient = received.replay_recording(late, start, FilterSettings(received={"lag": 0.4}))
     assert patient.innovations.stamp.size == rows.size
     assert not any("received.lag" in line for line in patient.warnings)
 
@@ -283,7 +295,7 @@ def test_what_comes_later_than_the_lag_is_left_out_and_counted():
 def test_each_range_is_judged_once_by_what_was_known_when_it_came():
     recording = delayed(team_recording(seed=6, seconds=6.0))
     start = from_truth(recording, SIGMA)
-    innovations = received.replay(recording, start, DEFAULTS, EGO).innovations
+    innovations = received.replay_recording(recording, start, DEFAULTS, EGO).innovations
     keys = np.stack([innovations.stamp, innovations.source, innovations.target])
     assert np.unique(keys, axis=1).shape[1] == innovations.stamp.size
     between = (recording.ranges.source >= 0) & (recording.ranges.target >= 2)
@@ -302,7 +314,7 @@ def test_a_robot_that_falls_silent_is_less_and_less_certain_and_estimated_all_th
     r2 = recording.team.index("R2")
     mute = ((ranges.source == r2) | (ranges.target == r2)) & (ranges.stamp > silent)
     cut = delayed(replace(recording, odometry=odometry, ranges=picked(ranges, ~mute)))
-    posterior = received.replay(cut, start, DEFAULTS)
+    posterior = received.replay_recording(cut, start, DEFAULTS)
     poses = posterior.poses["R2"]
     assert poses.stamp[-1] > 8_900 * MS
     variance = poses.covariance[:, 0, 0] + poses.covariance[:, 1, 1]
@@ -322,10 +334,10 @@ def test_batches_cost_little_and_are_no_gaps():
     recording = team_recording(seed=8, seconds=8.0)
     start = from_truth(recording, SIGMA)
     batched = arriving(recording, lambda stamp, name: -(-stamp // (30 * MS)) * 30 * MS)
-    posterior = received.replay(batched, start, DEFAULTS, EGO)
+    posterior = received.replay_recording(batched, start, DEFAULTS, EGO)
     assert posterior.innovations.stamp.size == recording.ranges.stamp.size
     assert posterior.warnings == ()
-    by_stamp = estimators.localize(recording, start, DEFAULTS, EGO)
+    by_stamp = estimators.localize_recording(recording, start, DEFAULTS, EGO)
     for name in ("R2", "R3"):
         price = distance_error(recording, posterior, name) - distance_error(
             recording, by_stamp, name
@@ -343,10 +355,10 @@ def test_losses_are_bridged():
     }
     rows = draw.random(recording.ranges.stamp.size) > 0.3
     lossy = replace(recording, odometry=odometry, ranges=picked(recording.ranges, rows))
-    posterior = received.replay(delayed(lossy), start, DEFAULTS, EGO)
+    posterior = received.replay_recording(delayed(lossy), start, DEFAULTS, EGO)
     step = np.diff(posterior.poses["R2"].stamp)
-    assert step.min() >= LEAST_STEP
-    assert step[:-1].max() <= MOST_STEP
+    assert step.min() >= MIN_EPOCH_STEP_NS
+    assert step[:-1].max() <= MAX_EPOCH_STEP_NS
     for name in ("R2", "R3"):
         assert distance_error(recording, posterior, name) < 0.35
 
@@ -358,7 +370,7 @@ def test_an_unheard_robot_may_be_anywhere_it_could_have_gone():
         replace(recording, ranges=no_ranges()),
         lambda stamp, name: np.maximum(stamp, 800 * MS) if name == "R2" else stamp,
     )
-    poses = received.replay(quiet, start, DEFAULTS).poses["R2"]
+    poses = received.replay_recording(quiet, start, DEFAULTS).poses["R2"]
     at = lambda ms: int(np.flatnonzero(poses.stamp == ms * MS)[0])  # noqa: E731
     before, after = at(750), at(800)
     truth = recording.truth["R2"]
@@ -372,10 +384,10 @@ def test_an_unheard_robot_may_be_anywhere_it_could_have_gone():
 def test_dead_reckoning_is_what_was_known_too():
     recording = delayed(team_recording(seed=11, seconds=6.0))
     start = from_truth(recording, SIGMA)
-    known = received.dead_reckon(recording, start, DEFAULTS)
-    sure = estimators.dead_reckon(recording, start, DEFAULTS)
+    known = received.dead_reckon_replay(recording, start, DEFAULTS)
+    sure = estimators.dead_reckon_recording(recording, start, DEFAULTS)
     assert set(known) == set(sure)
-    posterior = received.replay(recording, start, DEFAULTS)
+    posterior = received.replay_recording(recording, start, DEFAULTS)
     np.testing.assert_array_equal(known["R2"].stamp, posterior.poses["R2"].stamp)
     for name, least, most in (("R1", 0.0, 1e-9), ("R2", 0.005, 0.2)):
         both, own, other = np.intersect1d(known[name].stamp, sure[name].stamp, return_indices=True)
@@ -386,26 +398,28 @@ def test_dead_reckoning_is_what_was_known_too():
 def test_doubtful_log_times_are_told():
     recording = team_recording(seed=12, seconds=2.0)
     start = from_truth(recording, SIGMA)
-    (same,) = received.replay(recording, start, DEFAULTS).warnings
+    (same,) = received.replay_recording(recording, start, DEFAULTS).warnings
     assert same == "every message arrived at its own stamp: the log tells of no delays"
     hour = 3_600_000 * MS
-    (early,) = received.replay(
+    (early,) = received.replay_recording(
         arriving(recording, lambda stamp, _: stamp - hour), start, DEFAULTS
     ).warnings
     assert early.startswith("odometry arrived 3600.0 s before its stamps")
-    late = received.replay(arriving(recording, lambda stamp, _: stamp + hour), start, DEFAULTS)
+    late = received.replay_recording(
+        arriving(recording, lambda stamp, _: stamp + hour), start, DEFAULTS
+    )
     assert late.warnings[0].startswith("360 ranges and 120 odometry samples arrived more than 1 s")
     assert late.innovations.stamp.size == 0
     with pytest.raises(CltError, match="no odometry comes after the initial poses"):
-        received.replay(recording, replace(start, stamp=2_000 * MS), DEFAULTS)
+        received.replay_recording(recording, replace(start, stamp=2_000 * MS), DEFAULTS)
 
 
 def test_epochs_are_arrivals_neither_too_close_nor_too_far_apart():
     arrival = np.array([5, 30, 40, 51, 400, 410, 421]) * MS
-    assert (epochs(arrival, 0, 450 * MS) // MS).tolist() == [
+    assert (replay_epochs(arrival, 0, 450 * MS) // MS).tolist() == [
         0, 30, 51, 151, 251, 351, 400, 421, 450,
     ]  # fmt: skip
-    assert epochs(arrival, 7, 7).tolist() == [7]
+    assert replay_epochs(arrival, 7, 7).tolist() == [7]
 
 
 def test_epochs_do_not_become_more_by_a_longer_pause():
@@ -414,19 +428,19 @@ def test_epochs_do_not_become_more_by_a_longer_pause():
     counts = {}
     for pause in (1, 24, 8760):
         arrival = np.append(before, after + pause * hour)
-        found = epochs(arrival, 0, int(arrival[-1]))
+        found = replay_epochs(arrival, 0, int(arrival[-1]))
         counts[pause] = found.size
         assert np.isin(arrival, found).all()
         np.testing.assert_array_equal(found[:20], before)
     assert set(counts.values()) == {before.size + after.size + 100}
     other = before[-1] + np.arange(50, 20_000, 50) * MS
-    assert epochs(before, 0, int(other[-1]), [other]).size > 200
+    assert replay_epochs(before, 0, int(other[-1]), [other]).size > 200
 
 
 @pytest.mark.parametrize("m", [1, 3, 8, 64])
 def test_a_held_twist_is_as_uncertain_as_it_turns_out(m):
     """Over 33 ms to 2 s, against the truth of many drives; the last sample's own error counts."""
-    robot, noise, steps, T = Robot("R1", 1), Noise(sigma_v=0.1, sigma_omega=0.1), 300, 0.033
+    robot, noise, steps, T = Robot("R1", 1), NoiseSettings(sigma_v=0.1, sigma_omega=0.1), 300, 0.033
     ratios = []
     for seed in range(40):
         draw = np.random.default_rng(seed)
@@ -437,10 +451,12 @@ def test_a_held_twist_is_as_uncertain_as_it_turns_out(m):
             rows = slice(k - 150, k + 1)
             w = omega[rows]
             stamp, nan, sigma = np.arange(1, w.size + 1) * 33 * MS, 0.0 * w, np.full(w.size, 0.1)
-            usual = habit(Odometry(stamp, stamp, w, w, nan, nan), robot, noise, (sigma, sigma), 0)
+            usual = odometry_statistics(
+                Odometry(stamp, stamp, w, w, nan, nan), robot, noise, (sigma, sigma), 0
+            )
             assert usual.period == 33 * MS
-            count = int(np.flatnonzero(np.equal(LAGS, m))[0]) + 1
-            pieces = np.diff(LAGS[:count], prepend=0) * T
+            count = int(np.flatnonzero(np.equal(LAG_PERIODS, m))[0]) + 1
+            pieces = np.diff(LAG_PERIODS[:count], prepend=0) * T
             variance = float(np.sum(usual.growth[1][:count] * pieces)) + (0.1 * T) ** 2
             error = (1 + m) * T * omega[k] - (path[k + 1 + m] - path[k])
             ratios.append(error**2 / variance)
@@ -448,16 +464,16 @@ def test_a_held_twist_is_as_uncertain_as_it_turns_out(m):
 
 
 def test_pieces_of_a_held_twist_do_not_depend_on_how_long_it_is_held():
-    robot, noise = Robot("R1", 1), Noise(sigma_v=0.1, sigma_omega=0.1)
+    robot, noise = Robot("R1", 1), NoiseSettings(sigma_v=0.1, sigma_omega=0.1)
     stamp = np.arange(1, 101) * 50 * MS
     nan = np.full(100, np.nan)
     v = np.random.default_rng(0).normal(1.0, 0.3, 100)
-    own = driver(Odometry(stamp, stamp, v, v, nan, nan), robot, noise, 0)
+    own = make_odometry_input(Odometry(stamp, stamp, v, v, nan, nan), robot, noise, 0)
     last = int(stamp[-1])
-    short = known_segments(own, noise, last, last + 120 * MS, 0)
-    long = known_segments(own, noise, last, last + 60_000 * MS, 0)
+    short = arrived_segments(own, noise, last, last + 120 * MS, 0)
+    long = arrived_segments(own, noise, last, last + 60_000 * MS, 0)
     assert long.end[-1] >= last + 60_000 * MS
-    assert short.end.size < long.end.size < 2 * LAGS.size
+    assert short.end.size < long.end.size < 2 * LAG_PERIODS.size
     for a, b in zip(short[1:], long[1:], strict=True):
         np.testing.assert_array_equal(a, b[: a.size])
 
@@ -471,9 +487,9 @@ def test_weights_look_only_at_ranges_that_were_known():
     table = RangeTable(i, stamp, i, i, np.zeros((6, 2)), f, variance, f)
     tau = 0.15
     gain = lambda seconds: 0.01 * (1 + np.exp(-seconds / tau)) / (1 - np.exp(-seconds / tau))  # noqa: E731
-    weighed = weighed_on_arrival(table, log_time, pair, tau).weight_variance
+    weighed = inflate_by_arrived_ranges(table, log_time, pair, tau).weight_variance
     np.testing.assert_allclose(weighed, [0.01, 0.01, gain(0.1), gain(0.1), gain(0.2), gain(0.1)])
-    in_order = weighed_on_arrival(table, stamp, pair, tau).weight_variance
-    expected = correlated_variance(variance, stamp, pair, tau)
+    in_order = inflate_by_arrived_ranges(table, stamp, pair, tau).weight_variance
+    expected = inflated_variances(variance, stamp, pair, tau)
     np.testing.assert_allclose(in_order[2:], expected[2:])
-    assert weighed_on_arrival(table, log_time, pair, 0.0) is table
+    assert inflate_by_arrived_ranges(table, log_time, pair, 0.0) is table

@@ -9,9 +9,9 @@ import numpy as np
 from clt.core.geometry import relative_pose
 from clt.core.start import InitialPose, Start
 from clt.initialization.given.truth import from_truth
-from clt.model.choices import View
-from clt.model.problem import lay_out
-from clt.model.settings import Dpf, FilterSettings
+from clt.model.choices import FrameSpec
+from clt.model.problem import build_problem
+from clt.model.settings import DistributedSettings, FilterSettings
 from tests.filters.teams import team_recording
 
 SECOND = 1_000_000_000
@@ -19,7 +19,7 @@ TEAM = ("R1", "R2", "R3")
 
 
 def settings(**dpf):
-    return FilterSettings(gate=0.0, dpf=Dpf(**dpf))
+    return FilterSettings(gate=0.0, dpf=DistributedSettings(**dpf))
 
 
 def team(seed=0, seconds=15.0, range_rate=1, **more):
@@ -50,7 +50,9 @@ def start_of(recording, ego="R1", sigma=(0.1, 0.1, 0.05), error=0):
 
 
 def problem_of(recording, ego="R1", **more):
-    return lay_out(recording, start_of(recording, ego, **more), settings(), View("ego", (ego,)))
+    return build_problem(
+        recording, start_of(recording, ego, **more), settings(), FrameSpec("ego", (ego,))
+    )
 
 
 def errors(recording, problem, mean, ego="R1"):

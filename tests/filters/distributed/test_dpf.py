@@ -8,12 +8,22 @@ import numpy as np
 import pytest
 
 from clt.filters.distributed.dpf import solve_dpf
-from clt.filters.distributed.motion import Cloud, advance, advance_all, cut
-from clt.filters.distributed.points import points
-from clt.filters.distributed.rounds import Path, at_the_end, rounds_of, rows
+from clt.filters.distributed.motion import (
+    SharedParticles,
+    cut_at_rounds,
+    propagate_shared,
+    propagate_shared_driver,
+)
+from clt.filters.distributed.points import make_particle_member
+from clt.filters.distributed.rounds import (
+    PropagatedState,
+    make_rounds,
+    ranges_at_round_end,
+    select_ranges,
+)
 from clt.filters.kalman.gaussian import solve_ekf
 from clt.filters.mixture.mixture import solve_mixture
-from clt.model.belief import moments, samples
+from clt.model.belief import belief_block_moments, sample_prior
 from tests.filters.distributed.dpf_runs import (
     SECOND,
     TEAM,
@@ -28,9 +38,11 @@ from tests.filters.distributed.dpf_runs import (
 def centralized(problem, Q, seed):
     """Algorithm of Araki and Li in one place: all likelihoods of all particles, no consensus."""
     ends, D = np.unique(problem.ranges.stamp), len(problem.drivers)
-    drive = cut(problem.segments, problem.start, ends)
-    x = samples(problem.prior, Q, np.random.default_rng(seed))
-    cloud = Cloud(x, np.full(Q, -np.log(Q)), np.full(D, problem.start), drive.first[:-1].copy())
+    drive = cut_at_rounds(problem.segments, problem.start, ends)
+    x = sample_prior(problem.prior, Q, np.random.default_rng(seed))
+    cloud = SharedParticles(
+        x, np.full(Q, -np.log(Q)), np.full(D, problem.start), drive.first[:-1].copy()
+    )
     draw, table, key = np.random.default_rng([seed, 2]), problem.ranges, np.uint64(seed)
     mean = np.empty((problem.outputs.stamp.size, 2))
     at = lambda i, m: x[:, 3 * i : 3 * i + 2] if i >= 0 else table.anchor[m]  # noqa: E731
@@ -38,7 +50,7 @@ def centralized(problem, Q, seed):
     for o, (stamp, block) in enumerate(zip(*problem.outputs, strict=True)):
         while m < table.stamp.size and table.stamp[m] <= stamp:
             now, log_weight = table.stamp[m], cloud.log_weight
-            advance_all(cloud, now, drive, problem.space, key)
+            propagate_shared(cloud, now, drive, problem.space, key)
             while m < table.stamp.size and table.stamp[m] == now:
                 h = np.linalg.norm(at(table.a[m], m) - at(table.b[m], m), axis=1)
                 log_weight -= (table.range[m] - h) ** 2 / (2.0 * table.weight_variance[m])
@@ -50,7 +62,7 @@ def centralized(problem, Q, seed):
                 comb = (np.arange(Q) + offset) / Q
                 x[:] = x[np.searchsorted(np.cumsum(w), comb, side="right").clip(max=Q - 1)]
                 log_weight[:] = -np.log(Q)
-        advance_all(cloud, stamp, drive, problem.space, key)
+        propagate_shared(cloud, stamp, drive, problem.space, key)
         mean[o] = np.exp(cloud.log_weight) @ x[:, 3 * block : 3 * block + 2]
     return mean
 
@@ -120,8 +132,10 @@ def test_functions_cost_less_than_particles():
 
 def test_particles_do_not_depend_on_when_they_are_looked_at():
     problem = problem_of(team())
-    rounds = rounds_of(problem, 0.1)
-    one, two = (points(problem, settings(likelihood="shared"), rounds) for _ in range(2))
+    rounds = make_rounds(problem, 0.1)
+    one, two = (
+        make_particle_member(problem, settings(likelihood="shared"), rounds) for _ in range(2)
+    )
     one.advance(7 * SECOND)
     for stamp in range(SECOND // 3, 7 * SECOND, SECOND // 7):
         two.advance(stamp)
@@ -132,14 +146,16 @@ def test_particles_do_not_depend_on_when_they_are_looked_at():
 def test_particles_spread_as_the_kalman_filters_believe():
     recording = team(seconds=3.0)
     problem = problem_of(replace(recording, ranges=part(recording.ranges, slice(0))))
-    drive = cut(problem.segments, problem.start, np.arange(1, 60) * 77_000_000)
+    drive = cut_at_rounds(problem.segments, problem.start, np.arange(1, 60) * 77_000_000)
     Q, D = 20_000, len(problem.drivers)
-    x = samples(problem.prior, Q, np.random.default_rng(0))
-    cloud = Cloud(x, np.full(Q, -np.log(Q)), np.full(D, problem.start), drive.first[:-1].copy())
+    x = sample_prior(problem.prior, Q, np.random.default_rng(0))
+    cloud = SharedParticles(
+        x, np.full(Q, -np.log(Q)), np.full(D, problem.start), drive.first[:-1].copy()
+    )
     for d in range(D):
-        advance(cloud, d, problem.end, drive, problem.space, np.uint64(3))
+        propagate_shared_driver(cloud, d, problem.end, drive, problem.space, np.uint64(3))
     for b in range(2):
-        _, expected = moments(solve_ekf(problem, settings()).belief, b)
+        _, expected = belief_block_moments(solve_ekf(problem, settings()).belief, b)
         found = np.cov(x[:, 3 * b : 3 * b + 3].T)
         np.testing.assert_allclose(found, expected, rtol=0.05, atol=5e-4)
 
@@ -148,11 +164,15 @@ def test_ranges_are_carried_to_the_end_of_their_round():
     """Without noise exactly: the odometry tells how the distance changes."""
     recording = team(noise=1e-6, range_rate=10, shift=37_000_000)
     problem = problem_of(recording, sigma=(1e-6, 1e-6, 1e-6))
-    rounds = rounds_of(problem, 0.5)
+    rounds = make_rounds(problem, 0.5)
     first, last = rounds.first[3], rounds.first[4]
     now = int(rounds.end[3])
-    path = Path(problem.mean.copy(), np.full(3, problem.start), problem.segments.first[:-1].copy())
-    told = at_the_end(path, rows(problem.ranges, slice(first, last)), now, problem)
+    path = PropagatedState(
+        problem.mean.copy(), np.full(3, problem.start), problem.segments.first[:-1].copy()
+    )
+    told = ranges_at_round_end(
+        path, select_ranges(problem.ranges, slice(first, last)), now, problem
+    )
     k = np.searchsorted(recording.truth["R1"].stamp, now)
     place = {name: np.array([t.x[k], t.y[k]]) for name, t in recording.truth.items()}
     names = ("R1", *problem.robots)

@@ -9,14 +9,19 @@ import numpy as np
 import pytest
 
 from clt.core.errors import UsageError
-from clt.estimation.estimators import Estimator, cut_off, localize
+from clt.estimation.estimators import Estimator, disconnected_warnings, localize_recording
 from clt.filters.distributed.dpf import solve_dpf
-from clt.filters.distributed.gaussians import gaussians
-from clt.filters.distributed.rounds import Silent, rounds_of, unheard, usual
-from clt.filters.distributed.team import assemble, reunite
+from clt.filters.distributed.gaussians import make_gaussian_member
+from clt.filters.distributed.rounds import (
+    Outage,
+    extrapolate_odometry,
+    make_rounds,
+    twist_statistics,
+)
+from clt.filters.distributed.team import assemble_team, merge_groups
 from clt.initialization.given.truth import from_truth
-from clt.model.choices import View
-from clt.model.settings import FilterSettings, Noise
+from clt.model.choices import FrameSpec
+from clt.model.settings import FilterSettings, NoiseSettings
 from tests.filters.distributed.dpf_runs import (
     SECOND,
     TEAM,
@@ -149,7 +154,7 @@ def test_a_robot_out_of_reach_is_warned_of():
     recording = team(seconds=8.0)
     problem = problem_of(recording)
     told = solve_dpf(problem, settings(reach=0.001))
-    lines = cut_off(problem, told)
+    lines = disconnected_warnings(problem, told)
     assert len(lines) == 2
     assert lines[0].startswith("R2 was out of reach of R1 for ")
 
@@ -164,28 +169,31 @@ def test_what_is_not_heard_is_held():
     """Only those rows change whose robot and time are meant."""
     problem = problem_of(team(seconds=6.0))
     one, last = np.array([1]), np.array([2 * SECOND])
-    silent = Silent(one, 2 * SECOND, 4 * SECOND, last, usual(problem)[one])
-    deaf = unheard(problem, silent, straight=False).segments
+    silent = Outage(one, 2 * SECOND, 4 * SECOND, last, twist_statistics(problem)[one])
+    deaf = extrapolate_odometry(problem, silent, straight=False).segments
     was = problem.segments
     changed = np.flatnonzero(deaf.var_v != was.var_v)
     own = changed - was.first[1]
     assert own.tolist() == list(range(20, 40))
     assert (deaf.v[changed] == was.v[was.first[1] + 19]).all()
     np.testing.assert_array_equal(deaf.end, was.end)
-    slower = unheard(problem, silent, straight=True).segments
+    slower = extrapolate_odometry(problem, silent, straight=True).segments
     assert (np.abs(slower.v[changed]) < np.abs(deaf.v[changed])).all()
 
 
 def test_the_variance_of_what_is_not_heard_grows_with_the_square_of_time():
     """In one piece or in many; that of a heading until nothing is known of it."""
     problem = problem_of(team(seconds=20.0))
-    one, heard, known = np.array([1]), np.array([2 * SECOND]), usual(problem)[[1]]
+    one, heard, known = np.array([1]), np.array([2 * SECOND]), twist_statistics(problem)[[1]]
 
     def added(ends):
         total = np.zeros(2)
         for since, until in pairwise(ends):
-            silent = Silent(one, since * SECOND, until * SECOND, heard, known)
-            own, was = unheard(problem, silent, straight=True).segments, problem.segments
+            silent = Outage(one, since * SECOND, until * SECOND, heard, known)
+            own, was = (
+                extrapolate_odometry(problem, silent, straight=True).segments,
+                problem.segments,
+            )
             for k, name in enumerate(("var_v", "var_omega")):
                 more = getattr(own, name) - getattr(was, name)
                 total[k] += np.sum(more * own.interval) * 0.1
@@ -202,11 +210,11 @@ def test_the_variance_of_what_is_not_heard_grows_with_the_square_of_time():
 def test_where_a_direction_is_lost_the_way_goes_anywhere(base):
     """A robot whose turning may be anything: the same in x and y, for all that it moves."""
     problem = problem_of(team(seconds=6.0))
-    rounds = rounds_of(problem, 1.0)
+    rounds = make_rounds(problem, 1.0)
     one = np.array([0 if base else 1])
     known = np.array([[0.25, 0.0, 1e3]])
-    silent = Silent(one, 2 * SECOND, 4 * SECOND, np.array([SECOND]), known)
-    member = gaussians(problem, settings(), rounds)
+    silent = Outage(one, 2 * SECOND, 4 * SECOND, np.array([SECOND]), known)
+    member = make_gaussian_member(problem, settings(), rounds)
     more = member.without(silent).bank.covariance[0] - member.bank.covariance[0]
     way = 0.5 * 0.25 * (3.0**2 - 1.0**2)
     expected = np.zeros((6, 6))
@@ -217,11 +225,11 @@ def test_where_a_direction_is_lost_the_way_goes_anywhere(base):
 
 def test_who_takes_over_a_belief_takes_over_since_when_it_lacks_odometry():
     problem = problem_of(team(seconds=6.0))
-    crew = assemble(problem, settings())
+    crew = assemble_team(problem, settings())
     crew.heard[:] = np.arange(9).reshape(3, 3)
     crew.line[:] = [7, 7, 8]
     everyone = np.arange(3)
-    reunite(crew, [everyone], ~np.eye(3, dtype=np.bool_))
+    merge_groups(crew, [everyone], ~np.eye(3, dtype=np.bool_))
     assert crew.heard[2].tolist() in ([0, 1, 2], [3, 4, 5])
     assert crew.heard[0].tolist() == [0, 1, 2]
 
@@ -275,26 +283,26 @@ def test_outliers_are_left_out_by_those_who_measured_them():
 @pytest.mark.parametrize(
     ("view", "dpf", "said"),
     [
-        (View("world"), {}, "--frame ego:NAME"),
-        (View("mutual", ("R1", "R2")), {}, "--frame ego:NAME"),
-        (View("ego", ("R1",)), {"delay": 0.1, "iterations": 2}, "raise dpf.interval"),
-        (View("ego", ("R1",)), {"likelihood": "shared"}, "need dpf.likelihood=fit"),
-        (View("ego", ("R1",)), {"graph": "R1-R9"}, "no robot `R9`"),
-        (View("ego", ("R1",)), {"graph": "R1-R2"}, "cuts R3 off from R1"),
+        (FrameSpec("world"), {}, "--frame ego:NAME"),
+        (FrameSpec("mutual", ("R1", "R2")), {}, "--frame ego:NAME"),
+        (FrameSpec("ego", ("R1",)), {"delay": 0.1, "iterations": 2}, "raise dpf.interval"),
+        (FrameSpec("ego", ("R1",)), {"likelihood": "shared"}, "need dpf.likelihood=fit"),
+        (FrameSpec("ego", ("R1",)), {"graph": "R1-R9"}, "no robot `R9`"),
+        (FrameSpec("ego", ("R1",)), {"graph": "R1-R2"}, "cuts R3 off from R1"),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_line(view, dpf, said):
     recording = team(seconds=2.0)
-    noise = Noise(scale=0.02 if "likelihood" in dpf else 0.0)
+    noise = NoiseSettings(scale=0.02 if "likelihood" in dpf else 0.0)
     with pytest.raises(UsageError, match=said):
-        localize(recording, from_truth(recording, (0.1, 0.1, 0.1)), settings(**dpf).model_copy(
+        localize_recording(recording, from_truth(recording, (0.1, 0.1, 0.1)), settings(**dpf).model_copy(
             update={"noise": noise}), Estimator("dpf", view))  # fmt: skip
 
 
 def test_the_posterior_tells_what_was_sent():
     recording = team(seconds=5.0)
-    told = localize(
-        recording, start_of(recording), settings(), Estimator("dpf", View("ego", ("R1",)))
+    told = localize_recording(
+        recording, start_of(recording), settings(), Estimator("dpf", FrameSpec("ego", ("R1",)))
     )
     assert set(told.traffic) == set(TEAM)
     sent = told.traffic["R2"]

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clt.estimation.estimators import FILTERPY, FILTERS
+from clt.estimation.estimators import FILTERPY_FILTERS, FILTERS
 from clt.initialization.given.truth import from_truth
-from clt.model.choices import parse_view
-from clt.model.problem import lay_out
+from clt.model.choices import parse_frame_spec
+from clt.model.problem import build_problem
 from clt.model.settings import FilterSettings
 from tests.filters.teams import team_recording
 
@@ -26,8 +26,10 @@ def both(name, recording, options, frame, anchors=0.1):
         robot: replace(pose, covariance=anchors**2 * np.eye(3)) if robot[0] == "S" else pose
         for robot, pose in start.poses.items()
     }
-    problem = lay_out(recording, replace(start, poses=poses), settings, parse_view(frame))
-    return FILTERS[name](problem, settings), FILTERPY[name](problem, settings)
+    problem = build_problem(
+        recording, replace(start, poses=poses), settings, parse_frame_spec(frame)
+    )
+    return FILTERS[name](problem, settings), FILTERPY_FILTERS[name](problem, settings)
 
 
 def assert_same(ours, theirs, tolerance=1e-9):
@@ -129,8 +131,8 @@ def astray(seconds):
 @pytest.mark.parametrize("name", ["ekf", "ukf"])
 def test_with_a_robot_that_is_lost_and_found(name):
     recording, start, settings = astray(15.0)
-    problem = lay_out(recording, start, settings)
-    ours, theirs = FILTERS[name](problem, settings), FILTERPY[name](problem, settings)
+    problem = build_problem(recording, start, settings)
+    ours, theirs = FILTERS[name](problem, settings), FILTERPY_FILTERS[name](problem, settings)
     assert ours.found[0] > 0
     assert_same(ours, theirs)
 
@@ -174,13 +176,13 @@ def test_with_other_sigma_points(points):
     assert_same(ours, theirs)
 
 
-@pytest.mark.parametrize("filters", [FILTERS, FILTERPY])
+@pytest.mark.parametrize("filters", [FILTERS, FILTERPY_FILTERS])
 @pytest.mark.parametrize("name", ["ekf", "ukf"])
 def test_goes_on_where_it_stopped(filters, name):
     """A log in two parts, the second from what the first one left, in the midst of a suspicion."""
     recording, start, settings = astray(4.0)
     half = 500_000_000
-    whole = lay_out(recording, start, settings)
+    whole = build_problem(recording, start, settings)
     wanted = filters[name](whole, settings)
     early, written = whole.ranges.stamp <= half, whole.outputs.stamp <= half
     first = filters[name](
@@ -192,7 +194,7 @@ def test_goes_on_where_it_stopped(filters, name):
         ),
         settings,
     )
-    rest = lay_out(recording, replace(start, stamp=half), settings)
+    rest = build_problem(recording, replace(start, stamp=half), settings)
     second = filters[name](replace(rest, belief=first.belief, memory=first.memory), settings)
     after = rest.outputs.stamp > half
     np.testing.assert_allclose(first.mean, wanted.mean[written], atol=1e-9)

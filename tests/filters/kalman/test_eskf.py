@@ -11,14 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.estimation import estimators
 from clt.filters.filterpy import ekf
 from clt.filters.kalman import eskf
-from clt.filters.kalman.eskf import REJECTED, USED
+from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
 from clt.filters.kalman.gaussian import solve_eskf
 from clt.initialization.given.truth import from_truth
-from clt.model.problem import lay_out
+from clt.model.problem import build_problem
 from clt.model.range_model import predict_range
 from clt.model.settings import FilterSettings
 from tests.filters.teams import team_recording
@@ -28,7 +28,7 @@ DEFAULTS = FilterSettings()
 
 def laid_out(recording, options=DEFAULTS):
     start = from_truth(recording, options.initial.sigma)
-    return lay_out(recording, start, options)
+    return build_problem(recording, start, options)
 
 
 @given(
@@ -71,7 +71,7 @@ def test_equals_filterpy(case, options):
     chosen = FilterSettings(**options)
     problem = laid_out(team_recording(seed=4, seconds=8.0, **case), chosen)
     ours = solve_eskf(problem, chosen)
-    theirs = ekf.solve_ekf(problem, chosen)
+    theirs = ekf.solve_team_ekf(problem, chosen)
     np.testing.assert_array_equal(ours.verdict, theirs.verdict)
     for name in ("mean", "covariance", "residual", "variance"):
         np.testing.assert_allclose(
@@ -80,12 +80,12 @@ def test_equals_filterpy(case, options):
 
 
 def test_the_information_form_gives_the_same_posterior(monkeypatch):
-    recording = team_recording(seed=2, moving=eskf.BATCH_ROBOTS, seconds=3.0)
+    recording = team_recording(seed=2, moving=eskf.MIN_BATCH_ROBOTS, seconds=3.0)
     problem = laid_out(recording)
     per_instant = np.unique(problem.ranges.stamp, return_counts=True)[1]
-    assert per_instant.min() >= eskf.BATCH_PER_ROBOT * eskf.BATCH_ROBOTS
+    assert per_instant.min() >= eskf.MIN_BATCH_RANGES_PER_ROBOT * eskf.MIN_BATCH_ROBOTS
     batch = solve_eskf(problem, DEFAULTS)
-    monkeypatch.setattr(eskf, "BATCH_ROBOTS", 10_000)
+    monkeypatch.setattr(eskf, "MIN_BATCH_ROBOTS", 10_000)
     one_by_one = solve_eskf(problem, DEFAULTS)
     np.testing.assert_allclose(batch.mean, one_by_one.mean, atol=1e-9)
     np.testing.assert_allclose(batch.covariance, one_by_one.covariance, atol=1e-11)
@@ -130,11 +130,14 @@ def test_errors_are_as_large_as_the_covariance_says():
     total, effective = [], 0
     for seed in range(12):
         recording = team_recording(seed=seed, seconds=40.0)
-        posterior = estimators.localize(recording, from_truth(recording, (0.01,) * 3), DEFAULTS)
+        posterior = estimators.localize_recording(
+            recording, from_truth(recording, (0.01,) * 3), DEFAULTS
+        )
         for name, poses in posterior.poses.items():
             truth = recording.truth[name]
             d = np.stack(
-                [poses.x - truth.x, poses.y - truth.y, wrap(poses.heading - truth.heading)], axis=1
+                [poses.x - truth.x, poses.y - truth.y, wrap_angle(poses.heading - truth.heading)],
+                axis=1,
             )[100:]
             total.append(np.einsum("ni,nij,nj->n", d, np.linalg.inv(poses.covariance[100:]), d))
             effective += d.shape[0] // 40  # heading errors live for about two seconds
@@ -150,15 +153,15 @@ def test_outliers_are_rejected_and_a_lost_robot_comes_back():
     bad = np.random.default_rng(1).random(ranges.range.size) < 0.1
     spoiled = replace(recording, ranges=replace(ranges, range=ranges.range + 3.0 * bad))
     run = solve_eskf(laid_out(spoiled), DEFAULTS)
-    assert np.mean(run.verdict[bad] == REJECTED) > 0.99
-    assert np.mean(run.verdict[~bad] == USED) > 0.99
+    assert np.mean(run.verdict[bad] == RANGE_REJECTED) > 0.99
+    assert np.mean(run.verdict[~bad] == RANGE_USED) > 0.99
 
     exact = team_recording(seed=5, seconds=40.0, noise=0.01)
     start = from_truth(exact, (0.01, 0.01, 0.01))
     wrong = start.poses["R1"]
     poses = {**start.poses, "R1": replace(wrong, mean=wrong.mean + np.array([1.5, 1.5, 0.5]))}
     options = FilterSettings(noise={"sigma_v": 0.001, "sigma_omega": 0.001})
-    problem = lay_out(exact, replace(start, poses=poses), options)
+    problem = build_problem(exact, replace(start, poses=poses), options)
     run = solve_eskf(problem, options)
     own = problem.outputs.robot == 0
     truth = exact.truth["R1"]

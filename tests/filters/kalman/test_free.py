@@ -7,21 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.estimation.estimators import FILTERS
 from clt.filters.kalman import free, unscented
-from clt.filters.kalman.eskf import USED
+from clt.filters.kalman.eskf import RANGE_USED
 from clt.initialization.given.truth import from_truth
-from clt.model.choices import parse_view
-from clt.model.inputs import RangeTable, join_segments, standing
-from clt.model.problem import lay_out
-from clt.model.range_model import distance_of
+from clt.model.choices import parse_frame_spec
+from clt.model.inputs import RangeTable, join_segments, no_segments
+from clt.model.problem import build_problem
+from clt.model.range_model import predict_distance
 from clt.model.settings import FilterSettings
-from clt.model.state_space import WORLD, make_space
+from clt.model.state_space import WORLD_REFERENCE, make_state_space
 from tests.filters.teams import team_recording
 
 LEVER = np.array([[0.4, -0.2], [0.1, 0.3]])
-STANDING = join_segments([standing(), standing(), standing()])
+STANDING = join_segments([no_segments(), no_segments(), no_segments()])
 WIDE = {"initial": {"sigma": (0.3, 0.3, 0.3)}}
 
 
@@ -38,18 +38,20 @@ def table(a, b, anchors):
     [
         ((1, 2), (0, 0), ((0, 1, 0), (-1, -1, 1)), 1),
         ((1, 0), (0, 1), ((0,), (-1,)), 2),
-        ((0, 1), (WORLD, WORLD), ((0, 1, 0), (-1, -1, 1)), 1),
-        ((0, 1), (WORLD, WORLD), ((0,), (1,)), 3),
-        ((0, 1), (WORLD, WORLD), ((0, 1), (-1, -2)), 0),
+        ((0, 1), (WORLD_REFERENCE, WORLD_REFERENCE), ((0, 1, 0), (-1, -1, 1)), 1),
+        ((0, 1), (WORLD_REFERENCE, WORLD_REFERENCE), ((0,), (1,)), 3),
+        ((0, 1), (WORLD_REFERENCE, WORLD_REFERENCE), ((0, 1), (-1, -2)), 0),
     ],
 )
 def test_no_range_changes_along_a_direction(who, base, ends, count):
-    space, x = make_space(who, base), np.array([3.0, 1.0, 0.7, -1.0, 2.0, -2.0])
-    antenna = np.array([[0.2, 0.5], *LEVER])[: max(who) + 1] if base[0] != WORLD else LEVER
+    space, x = make_state_space(who, base), np.array([3.0, 1.0, 0.7, -1.0, 2.0, -2.0])
+    antenna = (
+        np.array([[0.2, 0.5], *LEVER])[: max(who) + 1] if base[0] != WORLD_REFERENCE else LEVER
+    )
     lever = antenna[list(who)]
     ranges = table(*ends, [antenna[0], (5.0, -3.0)])
-    mine = free.room(antenna, 6, True)
-    found = free.directions(
+    mine = free.allocate_directions(antenna, 6, True)
+    found = free.unobservable_directions(
         x, space, ranges, 0, len(ends[0]), STANDING, np.zeros(len(antenna), np.int64), mine,
         mine.before,
     )  # fmt: skip
@@ -58,7 +60,7 @@ def test_no_range_changes_along_a_direction(who, base, ends, count):
         assert np.any(change != 0.0)
         for m in range(len(ends[0])):
             sides = [
-                distance_of(x + e * change, lever, ranges.a[m], ranges.b[m], *ranges.anchor[m])
+                predict_distance(x + e * change, lever, ranges.a[m], ranges.b[m], *ranges.anchor[m])
                 for e in (1e-5, -1e-5)
             ]
             assert sides[0] == pytest.approx(sides[1], abs=1e-9)
@@ -66,30 +68,30 @@ def test_no_range_changes_along_a_direction(who, base, ends, count):
 
 def test_a_correction_leaves_what_was_known_of_a_turn():
     rng = np.random.default_rng(2)
-    space, x = make_space((1, 2), (0, 0)), np.array([3.0, 1.0, 0.7, -1.0, 2.0, -2.0])
+    space, x = make_state_space((1, 2), (0, 0)), np.array([3.0, 1.0, 0.7, -1.0, 2.0, -2.0])
     A = rng.normal(size=(6, 6))
-    P, mine = A @ A.T, free.room(np.zeros((3, 2)), 6, True)
+    P, mine = A @ A.T, free.allocate_directions(np.zeros((3, 2)), 6, True)
     ranges = table((0,), (1,), [(0.0, 0.0)])
     instant = space, ranges, 0, 1, STANDING, np.zeros(3, np.int64), mine
     N = np.zeros((3, 6))
-    free.directions(x, *instant, N)
+    free.unobservable_directions(x, *instant, N)
     known = 1.0 / (N[0] @ np.linalg.solve(P, N[0]))
-    count = free.find(x, P, *instant)
+    count = free.find_unobservable(x, P, *instant)
     x = x + rng.normal(size=6)
-    free.exchange(x, P, *instant, count)
-    free.directions(x, *instant, N)
+    free.replace_unobservable(x, P, *instant, count)
+    free.unobservable_directions(x, *instant, N)
     assert 1.0 / (N[0] @ np.linalg.solve(P, N[0])) == pytest.approx(known, rel=1e-9)
     assert np.all(np.linalg.eigvalsh(P) > 0.0)
     np.testing.assert_array_equal(P, P.T)
 
 
 def test_what_is_certain_is_no_direction():
-    mine = free.room(np.zeros((3, 2)), 6, True)
+    mine = free.allocate_directions(np.zeros((3, 2)), 6, True)
     mine.before[0] = [-1.0, 3.0, 1.0, -2.0, -1.0, 1.0]
     P = np.diag([0.1, 0.1, 0.0, 0.2, 0.2, 0.3])
-    unscented.factor(P, mine.U, 6)
-    free.whiten(mine.U, 1, mine)
-    assert mine.steps[0, 0] < 2 * free.CERTAIN
+    unscented.cholesky_upper(P, mine.U, 6)
+    free.orthonormalize(mine.U, 1, mine)
+    assert mine.steps[0, 0] < 2 * free.CERTAIN_SIGMA
 
 
 def nees(name, seed, **options):
@@ -104,13 +106,15 @@ def nees(name, seed, **options):
         for robot, pose in start.poses.items()
         if robot != "S2"
     }
-    problem = lay_out(recording, replace(start, poses=poses), settings, parse_view("ego:S1"))
+    problem = build_problem(
+        recording, replace(start, poses=poses), settings, parse_frame_spec("ego:S1")
+    )
     run = FILTERS[name](problem, settings)
-    assert np.mean(run.verdict == USED) > 0.99
+    assert np.mean(run.verdict == RANGE_USED) > 0.99
     truth = recording.truth["R1"]
     at = np.searchsorted(truth.stamp, problem.outputs.stamp[1:])
     error = run.mean[1:] - np.stack([truth.x, truth.y, truth.heading], axis=1)[at]
-    error[:, 2] = wrap(error[:, 2])
+    error[:, 2] = wrap_angle(error[:, 2])
     solved = np.linalg.solve(run.covariance[1:], error[:, :, None])[:, :, 0]
     return float(np.mean(np.sum(error * solved, axis=1))) / 3.0
 
@@ -126,7 +130,7 @@ def test_nothing_changes_while_the_ego_moves(name):
     recording = team_recording(seed=3, seconds=5.0, noise=0.1)
     settings = FilterSettings(**WIDE)
     start = from_truth(recording, settings.initial.sigma)
-    problem = lay_out(recording, start, settings, parse_view("ego:R2"))
+    problem = build_problem(recording, start, settings, parse_frame_spec("ego:R2"))
     ours = FILTERS[name](problem, settings)
     theirs = FILTERS[name](problem, FilterSettings(jacobians="latest", **WIDE))
     np.testing.assert_array_equal(ours.mean, theirs.mean)

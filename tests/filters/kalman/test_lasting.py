@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clt.estimation.estimators import Estimator, localize
+from clt.estimation.estimators import Estimator, localize_recording
 from clt.initialization.given.truth import from_truth
-from clt.model.choices import View
+from clt.model.choices import FrameSpec
 from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
@@ -30,7 +30,7 @@ def run(number, settings=SETTINGS, estimator=None):
     """A recording whose wheels err, and what the filter made of it."""
     recording = simulate(load_scenario("shi-sim", {**ERRING, "seed": number}, {}))
     start = from_truth(recording, settings.initial.sigma)
-    return recording, localize(recording, start, settings, estimator or Estimator())
+    return recording, localize_recording(recording, start, settings, estimator or Estimator())
 
 
 @pytest.mark.parametrize("name", ["eskf", "ukf", "mixture"])
@@ -52,7 +52,7 @@ def test_each_error_is_reported_with_its_sigma():
         for name, odometry in recording.odometry.items()
     }
     recording = replace(recording, odometry=off)
-    posterior = localize(recording, from_truth(recording, (0.01,) * 3), settings)
+    posterior = localize_recording(recording, from_truth(recording, (0.01,) * 3), settings)
     line = next(line for line in posterior.remarks if line.startswith("odometry of R3: "))
     words = line.replace(",", "").split()
     assert words[3:8] == ["scale", "of", "v", "1.0000", "(sigma"]
@@ -61,6 +61,6 @@ def test_each_error_is_reported_with_its_sigma():
 
 
 def test_static_robots_have_no_errors_in_the_state():
-    _, posterior = run(1, estimator=Estimator("ekf", View("ego", ("R3",))))
+    _, posterior = run(1, estimator=Estimator("ekf", FrameSpec("ego", ("R3",))))
     told = [line.split()[2] for line in posterior.remarks if line.startswith("odometry of")]
     assert told == ["R3:", "R4:", "R5:"]

@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clt.core.geometry import wrap
-from clt.estimation.searches import found_again, not_found
+from clt.core.geometry import wrap_angle
+from clt.estimation.searches import found_robot_warnings, vain_search_remarks
 from clt.filters.kalman import reacquisition
-from clt.filters.kalman.evidence import log_densities
+from clt.filters.kalman.evidence import range_log_densities
 from clt.filters.kalman.gaussian import solve_ekf, solve_eskf
 from clt.filters.kalman.ukf import solve_ukf
 from clt.initialization.given.truth import from_truth
-from clt.model.choices import parse_view
+from clt.model.choices import parse_frame_spec
 from clt.model.inputs import RangeTable
-from clt.model.problem import lay_out
+from clt.model.problem import build_problem
 from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
@@ -55,13 +55,13 @@ def errors(recording, problem, solution, since=0.0):
             for column in (truth.x, truth.y, np.unwrap(truth.heading))
         ]
         position = np.hypot(mean[:, 0] - at[0], mean[:, 1] - at[1])
-        found.append(np.stack([position, np.abs(wrap(mean[:, 2] - at[2]))], axis=1))
+        found.append(np.stack([position, np.abs(wrap_angle(mean[:, 2] - at[2]))], axis=1))
     return np.concatenate(found)
 
 
 def test_bursts_of_outliers_do_not_wipe_out_a_good_estimate():
     recording = simulated(1, 120.0, 0.2)
-    problem = lay_out(recording, from_truth(recording, SIGMA), DEFAULTS)
+    problem = build_problem(recording, from_truth(recording, SIGMA), DEFAULTS)
     solution, without = solve_eskf(problem, DEFAULTS), solve_eskf(problem, NEVER)
     assert solution.lost.sum() > 0
     error, least = (
@@ -73,17 +73,17 @@ def test_bursts_of_outliers_do_not_wipe_out_a_good_estimate():
 
 def test_a_search_in_vain_leaves_no_trace():
     recording = simulated(122, 20.0, 0.2)
-    problem = lay_out(recording, from_truth(recording, SIGMA), DEFAULTS)
+    problem = build_problem(recording, from_truth(recording, SIGMA), DEFAULTS)
     solution, without = solve_eskf(problem, DEFAULTS), solve_eskf(problem, NEVER)
     assert solution.lost.sum() > 0
     assert solution.found.sum() == 0
     np.testing.assert_array_equal(solution.mean, without.mean)
     np.testing.assert_array_equal(solution.covariance, without.covariance)
     np.testing.assert_array_equal(solution.residual, without.residual)
-    lines = not_found(problem, solution)
+    lines = vain_search_remarks(problem, solution)
     assert len(lines) == np.sum(solution.lost > 0)
     assert "looked lost" in lines[0]
-    assert found_again(problem, solution) == ()
+    assert found_robot_warnings(problem, solution) == ()
 
 
 @pytest.mark.parametrize("share", [0.0, 0.2])
@@ -93,12 +93,12 @@ def test_wrong_starts_are_found(share):
     for seed in range(201, 213):
         recording = simulated(seed, 16.0, share)
         start = off(from_truth(recording, SIGMA), [f"R{3 + seed % 3}"], seed)
-        problem = lay_out(recording, start, DEFAULTS)
+        problem = build_problem(recording, start, DEFAULTS)
         solution = solve_eskf(problem, DEFAULTS)
         assert solution.found.sum() > 0
         last = errors(recording, problem, solution, since=11.0)
         assert np.sqrt(np.mean(last[:, 0] ** 2)) < (0.1 if share == 0.0 else 0.5), seed
-        assert any("search found" in line for line in found_again(problem, solution))
+        assert any("search found" in line for line in found_robot_warnings(problem, solution))
         without = solve_eskf(problem, NEVER)
         stuck += errors(recording, problem, without, since=11.0)[:, 0].max() > 1.0
     assert stuck >= 6
@@ -108,7 +108,7 @@ def test_wrong_starts_are_found(share):
 def test_a_whole_team_is_found_at_once(solve):
     recording = simulated(1, 10.0, 0.0)
     start = from_truth(recording, SIGMA)
-    problem = lay_out(recording, off(start, ["R3", "R4", "R5"], 7), DEFAULTS)
+    problem = build_problem(recording, off(start, ["R3", "R4", "R5"], 7), DEFAULTS)
     solution = solve(problem, DEFAULTS)
     assert np.all(solution.found == 1)
     assert errors(recording, problem, solution, since=6.0).max(axis=0) == pytest.approx(0, abs=0.2)
@@ -121,7 +121,7 @@ def test_two_that_are_lost_in_the_same_way():
     poses = dict(start.poses)
     for name, error in (("R3", (2.0, -2.0, 0.0)), ("R5", (2.0, -2.0, 0.0))):
         poses[name] = replace(poses[name], mean=poses[name].mean + np.array(error))
-    problem = lay_out(recording, replace(start, poses=poses), DEFAULTS)
+    problem = build_problem(recording, replace(start, poses=poses), DEFAULTS)
     solution = solve_eskf(problem, DEFAULTS)
     assert errors(recording, problem, solution, since=7.0)[:, 0].max() < 0.2
 
@@ -129,7 +129,7 @@ def test_two_that_are_lost_in_the_same_way():
 def test_an_estimate_that_is_not_finite_is_not_searched_for():
     recording = team_recording(seed=1, seconds=3.0)
     options = FilterSettings(reacquire=0.5)
-    problem = lay_out(recording, from_truth(recording, SIGMA), options)
+    problem = build_problem(recording, from_truth(recording, SIGMA), options)
     belief = problem.belief._replace(mean=np.full_like(problem.belief.mean, np.nan))
     solution = solve_eskf(replace(problem, belief=belief), options)
     assert solution.lost.sum() > 0
@@ -141,7 +141,7 @@ def test_ranges_that_come_less_often_than_robots_are_judged():
     ranges = recording.ranges
     wrong = replace(recording, ranges=replace(ranges, range=ranges.range + 5.0))
     options = FilterSettings(reacquire=0.1)
-    problem = lay_out(wrong, from_truth(wrong, SIGMA), options)
+    problem = build_problem(wrong, from_truth(wrong, SIGMA), options)
     solution = solve_eskf(problem, options)
     assert solution.lost.sum() > 0
     assert np.isfinite(solution.mean).all()
@@ -150,9 +150,9 @@ def test_ranges_that_come_less_often_than_robots_are_judged():
 def test_in_the_frame_of_a_robot():
     recording = team_recording(seed=3, moving=4, seconds=12.0)
     start = from_truth(recording, SIGMA)
-    view, options = parse_view("ego:R1"), FilterSettings(reacquire=2.0)
-    right = lay_out(recording, start, options, view)
-    wrong = lay_out(recording, off(start, ["R3"], 1), options, view)
+    view, options = parse_frame_spec("ego:R1"), FilterSettings(reacquire=2.0)
+    right = build_problem(recording, start, options, view)
+    wrong = build_problem(recording, off(start, ["R3"], 1), options, view)
     expected, solution = solve_ekf(right, options), solve_ekf(wrong, options)
     assert solution.found[wrong.robots.index("R3")] > 0
     late = right.outputs.stamp > 9e9
@@ -164,10 +164,10 @@ def test_nobody_is_searched_for_in_clean_logs(monkeypatch):
     def search(*_):
         raise AssertionError
 
-    monkeypatch.setattr(reacquisition, "search", search)
+    monkeypatch.setattr(reacquisition, "search_lost_robots", search)
     for seed in range(4):
         recording = team_recording(seed=seed, seconds=10.0)
-        problem = lay_out(recording, from_truth(recording, SIGMA), DEFAULTS)
+        problem = build_problem(recording, from_truth(recording, SIGMA), DEFAULTS)
         solution = solve_eskf(problem, FilterSettings(reacquire=0.5))
         assert not solution.lost.any()
 
@@ -200,7 +200,7 @@ def test_a_robot_that_stands_may_have_any_heading():
     )
     options = FilterSettings(reacquire=2.0)
     start = off(from_truth(recording, SIGMA), ["R1"], 2)
-    problem = lay_out(recording, start, options)
+    problem = build_problem(recording, start, options)
     solution = solve_eskf(problem, options)
     assert solution.found[0] > 0
     mean, P = solution.belief.mean[0], solution.belief.covariance[0]
@@ -222,7 +222,7 @@ def test_evidence_is_that_of_a_gaussian_where_nothing_is_wrong():
     residual = 0.1 * np.random.default_rng(0).normal(size=200)
     variance = np.full(200, 0.01)
     logs = -0.5 * residual**2 / variance - 0.5 * np.log(2 * np.pi * variance)
-    found = log_densities(table(residual), residual, variance)
+    found = range_log_densities(table(residual), residual, variance)
     assert np.abs(found - logs)[20:].max() < 0.2
 
 
@@ -230,18 +230,18 @@ def test_a_burst_costs_once():
     residual = 0.1 * np.random.default_rng(0).normal(size=200)
     variance = np.full(200, 0.01)
     late = residual + 1.5 * (np.arange(200) >= 140)
-    found = [log_densities(table(r), r, variance).sum() for r in (residual, late)]
+    found = [range_log_densities(table(r), r, variance).sum() for r in (residual, late)]
     assert 5.0 < found[0] - found[1] < 25.0
 
 
 def test_evidence_has_no_mercy_on_wide_beliefs_nor_on_ranges_that_wander():
     residual = 0.1 * np.random.default_rng(0).normal(size=200)
     variance = np.full(200, 0.01)
-    good = log_densities(table(residual), residual, variance).sum()
-    wide = log_densities(table(residual), residual, variance + 1.0).sum()
+    good = range_log_densities(table(residual), residual, variance).sum()
+    wide = range_log_densities(table(residual), residual, variance + 1.0).sum()
     astray = residual + 0.05 * np.arange(200)
     assert good - wide > 200.0
-    assert good - log_densities(table(astray), astray, variance).sum() > 50.0
+    assert good - range_log_densities(table(astray), astray, variance).sum() > 50.0
 
 
 def test_a_range_counts_for_what_it_is_worth():
@@ -250,6 +250,6 @@ def test_a_range_counts_for_what_it_is_worth():
     plain = table(residual)
     correlated = plain._replace(weight_variance=4.0 * plain.variance)
     np.testing.assert_allclose(
-        4.0 * log_densities(correlated, residual, variance),
-        log_densities(plain, residual, variance),
+        4.0 * range_log_densities(correlated, residual, variance),
+        range_log_densities(plain, residual, variance),
     )

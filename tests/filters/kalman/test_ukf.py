@@ -11,16 +11,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.estimation import estimators
-from clt.filters.kalman.eskf import REJECTED, USED
+from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
 from clt.filters.kalman.gaussian import solve_ekf
 from clt.filters.kalman.ukf import solve_ukf
-from clt.filters.kalman.unscented import center, covariance_of, draw, factor, points_of
+from clt.filters.kalman.unscented import (
+    center_sigma_points,
+    cholesky_upper,
+    draw_sigma_points,
+    make_sigma_points,
+    sigma_point_covariance,
+)
 from clt.initialization.given.truth import from_truth
-from clt.model.choices import parse_view
-from clt.model.problem import lay_out
-from clt.model.settings import FilterSettings, Ukf
+from clt.model.choices import parse_frame_spec
+from clt.model.problem import build_problem
+from clt.model.settings import FilterSettings, UkfSettings
 from tests.filters.teams import team_recording
 
 DEFAULTS = FilterSettings()
@@ -33,7 +39,7 @@ def without_ranges(problem):
 
 def laid_out(recording, options=DEFAULTS, frame="world"):
     start = from_truth(recording, options.initial.sigma)
-    return lay_out(recording, start, options, parse_view(frame))
+    return build_problem(recording, start, options, parse_frame_spec(frame))
 
 
 @given(st.integers(1, 9), st.integers(0, 9), st.integers(0, 2**31))
@@ -41,20 +47,22 @@ def laid_out(recording, options=DEFAULTS, frame="world"):
 def test_the_factor_gives_the_covariance_back_whatever_its_rank(size, rank, seed):
     A = np.random.default_rng(seed).normal(size=(size, min(rank, size)))
     P, U = A @ A.T, np.zeros((size, size))
-    factor(P, U, size)
+    cholesky_upper(P, U, size)
     np.testing.assert_array_equal(U, np.triu(U))
     np.testing.assert_allclose(U.T @ U, P, atol=1e-6 * max(1.0, np.abs(P).max()))
     if rank >= size:
         np.testing.assert_allclose(U, np.linalg.cholesky(P).T, rtol=1e-6, atol=1e-6)
 
 
-@pytest.mark.parametrize("chosen", [Ukf(), Ukf(alpha=0.3, beta=1.0, kappa=2.0), Ukf(beta=0.0)])
+@pytest.mark.parametrize(
+    "chosen", [UkfSettings(), UkfSettings(alpha=0.3, beta=1.0, kappa=2.0), UkfSettings(beta=0.0)]
+)
 def test_the_moments_are_those_of_merwes_weighted_points(chosen):
     rng = np.random.default_rng(1)
     N = 6
     A = rng.normal(size=(N, N))
-    x, P, points = rng.normal(size=N), A @ A.T, points_of(N, chosen)
-    draw(x, P, points)
+    x, P, points = rng.normal(size=N), A @ A.T, make_sigma_points(N, chosen)
+    draw_sigma_points(x, P, points)
     image = lambda y: np.sin(y) + 0.1 * y**2 + np.roll(y, 1, axis=-1) * y  # noqa: E731
     sigma = np.concatenate([[x], points.plus, points.minus])
     np.testing.assert_allclose(sigma.mean(axis=0), x, atol=1e-12)
@@ -67,8 +75,8 @@ def test_the_moments_are_those_of_merwes_weighted_points(chosen):
     wanted = (weight * (y - mean).T) @ (y - mean)
     points.plus[:], points.minus[:] = image(points.plus), image(points.minus)
     ours = np.zeros((N, N))
-    center(image(x), points, False)
-    covariance_of(points, ours, False)
+    center_sigma_points(image(x), points, False)
+    sigma_point_covariance(points, ours, False)
     np.testing.assert_allclose(image(x) + points.m, mean, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(np.triu(ours), np.triu(wanted), rtol=1e-10, atol=1e-10)
 
@@ -153,7 +161,7 @@ def turned(recording, angle):
             poses,
             x=c * poses.x - s * poses.y,
             y=s * poses.x + c * poses.y,
-            heading=wrap(poses.heading + angle),
+            heading=wrap_angle(poses.heading + angle),
         )
         for name, poses in recording.truth.items()
     }
@@ -171,7 +179,9 @@ def test_headings_near_pi_are_like_any_other():
     plain = solve_ukf(laid_out(recording), DEFAULTS)
     for angle in (0.5 * np.pi, 2.0, np.pi):
         ours = solve_ukf(laid_out(turned(recording, angle)), DEFAULTS)
-        np.testing.assert_allclose(wrap(ours.mean[:, 2] - plain.mean[:, 2] - angle), 0, atol=3e-3)
+        np.testing.assert_allclose(
+            wrap_angle(ours.mean[:, 2] - plain.mean[:, 2] - angle), 0, atol=3e-3
+        )
         np.testing.assert_allclose(ours.residual, plain.residual, atol=3e-3)
         assert np.all(np.abs(ours.mean[:, 2]) <= np.pi)
     assert np.abs(plain.mean[:, 2]).max() > 3.1
@@ -181,7 +191,7 @@ def test_headings_near_pi_are_like_any_other():
 def test_errors_are_as_large_as_the_covariance_says(frame):
     """NEES over 10 runs inside its 99.9 % chi-square bounds (time-correlation counted)."""
     total, effective = [], 0
-    view = parse_view(frame)
+    view = parse_frame_spec(frame)
     for seed in range(10):
         recording = team_recording(seed=seed, seconds=40.0)
         rng = np.random.default_rng(seed)
@@ -193,7 +203,9 @@ def test_errors_are_as_large_as_the_covariance_says(frame):
             for name, pose in start.poses.items()
         }
         estimator = estimators.Estimator("ukf", view)
-        posterior = estimators.localize(recording, replace(start, poses=poses), DEFAULTS, estimator)
+        posterior = estimators.localize_recording(
+            recording, replace(start, poses=poses), DEFAULTS, estimator
+        )
         for name, estimate in posterior.poses.items():
             if name[0] == "S":
                 continue
@@ -206,7 +218,7 @@ def test_errors_are_as_large_as_the_covariance_says(frame):
                 dx, dy, turn = (wanted - base).T
                 wanted = np.stack([c * dx + s * dy, c * dy - s * dx, turn], axis=1)
             d = np.stack([estimate.x, estimate.y, estimate.heading], axis=1) - wanted
-            d[:, 2] = wrap(d[:, 2])
+            d[:, 2] = wrap_angle(d[:, 2])
             nees = np.einsum(
                 "ni,ni->n", d, np.linalg.solve(estimate.covariance, d[..., None])[..., 0]
             )
@@ -227,10 +239,12 @@ def test_four_neighbours_in_an_ego_frame():
         for name, pose in start.poses.items()
         if name[0] == "R"
     }
-    problem = lay_out(recording, replace(start, poses=poses), DEFAULTS, parse_view("ego:R1"))
+    problem = build_problem(
+        recording, replace(start, poses=poses), DEFAULTS, parse_frame_spec("ego:R1")
+    )
     assert problem.robots == ("R2", "R3", "R4", "R5")
     ours = solve_ukf(problem, DEFAULTS)
-    assert np.mean(ours.verdict == USED) > 0.99
+    assert np.mean(ours.verdict == RANGE_USED) > 0.99
     ego = recording.truth["R1"]
     for b, name in enumerate(problem.robots):
         own = problem.outputs.robot == b
@@ -246,8 +260,8 @@ def test_outliers_are_rejected():
     bad = np.random.default_rng(1).random(recording.ranges.range.size) < 0.1
     ranges = replace(recording.ranges, range=recording.ranges.range + 3.0 * bad)
     run = solve_ukf(laid_out(replace(recording, ranges=ranges)), DEFAULTS)
-    assert np.mean(run.verdict[bad] == REJECTED) > 0.99
-    assert np.mean(run.verdict[~bad] == USED) > 0.99
+    assert np.mean(run.verdict[bad] == RANGE_REJECTED) > 0.99
+    assert np.mean(run.verdict[~bad] == RANGE_USED) > 0.99
 
 
 def test_errors_of_odometry_are_learned():

@@ -15,7 +15,7 @@ def problem(seed, robots, rows):
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(3 * robots, 3 * robots))
     P = root @ root.T / robots + 0.01 * np.eye(3 * robots)
-    work = updates.workspace(rows + 2, 3 * robots)
+    work = updates.make_update_workspace(rows + 2, 3 * robots)
     for m in range(rows):
         a, b = rng.permutation(robots + 1)[:2] - 1  # -1: fixed
         for k, i in ((0, a), (3, b)):
@@ -47,7 +47,7 @@ def textbook(P, work, count):
     return K @ work.residual[used], P - K @ H @ P
 
 
-@pytest.mark.parametrize("update", [updates.sequential, updates.batch])
+@pytest.mark.parametrize("update", [updates.sequential_update, updates.batch_update])
 @given(seed=st.integers(0, 2**32), robots=st.integers(1, 6), rows=st.integers(1, 20))
 @settings(max_examples=60, deadline=None)
 def test_update_is_the_textbook_one(update, seed, robots, rows):
@@ -61,7 +61,7 @@ def test_update_is_the_textbook_one(update, seed, robots, rows):
 def test_the_covariance_stays_symmetric_to_the_last_bit():
     P, work = problem(2, 4, 12)
     P += P.T
-    updates.sequential(P, work, 12)
+    updates.sequential_update(P, work, 12)
     np.testing.assert_array_equal(P, P.T)
 
 
@@ -69,7 +69,7 @@ def test_rejected_rows_change_nothing():
     P, work = problem(1, 3, 8)
     before = P.copy()
     work.used[:] = 0
-    for update in (updates.sequential, updates.batch):
+    for update in (updates.sequential_update, updates.batch_update):
         update(P, work, 8)
         assert not np.any(work.delta)
         np.testing.assert_array_equal(P, before)

@@ -8,23 +8,28 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from clt.core.geometry import relative_pose, wrap
+from clt.core.geometry import relative_pose, wrap_angle
 from clt.core.start import Hypothesis, InitialPose, Start
-from clt.estimation.estimators import Estimator, localize
+from clt.estimation.estimators import Estimator, localize_recording
 from clt.filters.kalman.gaussian import solve_ekf
-from clt.filters.mixture.gaussian_sum import make_bank
+from clt.filters.mixture.gaussian_sum import make_gaussian_sum
 from clt.filters.mixture.mixture import solve_mixture
-from clt.filters.mixture.reduction import make_desk, merge, prune, reduce
-from clt.filters.mixture.splitting import heading_grid, narrow_gaussians, split
+from clt.filters.mixture.reduction import (
+    make_merge_workspace,
+    merge_similar,
+    prune_light,
+    reduce_mixture,
+)
+from clt.filters.mixture.splitting import heading_grid, split_gaussian, split_prior_headings
 from clt.initialization.given.truth import from_truth
 from clt.model.belief import Belief
-from clt.model.choices import View
-from clt.model.problem import lay_out
+from clt.model.choices import FrameSpec
+from clt.model.problem import build_problem
 from clt.model.settings import FilterSettings
 from tests.filters.teams import team_recording
 
 SETTINGS = FilterSettings()
-EGO = View("ego", ("R1",))
+EGO = FrameSpec("ego", ("R1",))
 
 
 def pair_start(recording, sigma, shift=(0.0, 0.0, 0.0)):
@@ -39,7 +44,7 @@ def pair_start(recording, sigma, shift=(0.0, 0.0, 0.0)):
 
 
 def pair_problem(recording, sigma, shift=(0.0, 0.0, 0.0), view=EGO):
-    return lay_out(recording, pair_start(recording, sigma, shift), SETTINGS, view)
+    return build_problem(recording, pair_start(recording, sigma, shift), SETTINGS, view)
 
 
 def relative_error(recording, problem, solution):
@@ -49,14 +54,14 @@ def relative_error(recording, problem, solution):
     at = [np.column_stack([t.x, t.y, t.heading])[np.isin(t.stamp, problem.outputs.stamp[own])]
           for t in truth]  # fmt: skip
     e = solution.mean[own] - relative_pose(at[0], at[1])
-    e[:, 2] = wrap(e[:, 2])
+    e[:, 2] = wrap_angle(e[:, 2])
     return e
 
 
 def bank_of(mean, covariance, room=50):
     """A bank with one Gaussian over one block."""
     problem = pair_problem(team_recording(moving=2, seconds=1.0), (0.1, 0.1, 0.1))
-    return make_bank(Belief(np.zeros(1), mean[None], covariance[None]), problem, room)
+    return make_gaussian_sum(Belief(np.zeros(1), mean[None], covariance[None]), problem, room)
 
 
 def total(bank):
@@ -79,7 +84,7 @@ def test_a_split_leaves_mean_and_covariance(width):
     mean, P = wide()
     bank = bank_of(mean, P)
     bank.J[0], bank.H[0] = [0, 1, 2, 0, 0, 0], [0.6, -0.2, 1.0, 0, 0, 0]
-    assert split(bank, 0, 0, width)
+    assert split_gaussian(bank, 0, 0, width)
     assert bank.alive[0] >= 3
     after, spread = total(bank)
     np.testing.assert_allclose(after, mean, atol=1e-12)
@@ -94,7 +99,7 @@ def test_a_split_leaves_mean_and_covariance(width):
 def test_a_split_leaves_the_density(width):
     bank = bank_of(np.zeros(3), np.eye(3))
     bank.J[0], bank.H[0] = 0, [1, 0, 0, 0, 0, 0]
-    assert split(bank, 0, 0, width)
+    assert split_gaussian(bank, 0, 0, width)
     n = bank.alive[0]
     at = np.linspace(-6, 6, 2001)
     normal = lambda x, m, s: np.exp(-0.5 * ((x - m) / s) ** 2) / (s * np.sqrt(2 * np.pi))  # noqa: E731
@@ -107,7 +112,7 @@ def test_a_split_without_room_changes_nothing():
     mean, P = wide()
     bank = bank_of(mean, P, room=2)
     bank.J[0], bank.H[0] = 0, [1, 0, 0, 0, 0, 0]
-    assert not split(bank, 0, 0, 0.3)
+    assert not split_gaussian(bank, 0, 0, 0.3)
     assert bank.alive[0] == 1
     np.testing.assert_array_equal(bank.covariance[0], P)
 
@@ -128,13 +133,13 @@ def test_headings_are_split_on_the_circle(sigma):
 
 def test_mutual_blocks_of_a_wide_prior_stay_inverses():
     recording = team_recording(seed=1, moving=2, seconds=1.0)
-    prior = pair_problem(recording, (0.3, 0.3, 2.0), view=View("mutual", ("R1", "R2"))).prior
-    belief = narrow_gaussians(prior, 0.2)
+    prior = pair_problem(recording, (0.3, 0.3, 2.0), view=FrameSpec("mutual", ("R1", "R2"))).prior
+    belief = split_prior_headings(prior, 0.2)
     assert belief.mean.shape[0] > 10
     for x in belief.mean:
         there_and_back = relative_pose(relative_pose(x[:3], np.zeros(3)), x[3:])
         np.testing.assert_allclose(there_and_back[:2], 0.0, atol=1e-12)
-        np.testing.assert_allclose(wrap(there_and_back[2]), 0.0, atol=1e-12)
+        np.testing.assert_allclose(wrap_angle(there_and_back[2]), 0.0, atol=1e-12)
 
 
 def test_what_came_together_merges_and_what_did_not_stays():
@@ -145,8 +150,8 @@ def test_what_came_together_merges_and_what_did_not_stays():
         bank.mean[k], bank.covariance[k], bank.log_weight[k] = x, P, np.log(w)
     bank.alive[0] = 3
     before = total(bank)
-    merge(bank, 1, make_desk(bank))
-    prune(bank, 1e-9)
+    merge_similar(bank, 1, make_merge_workspace(bank))
+    prune_light(bank, 1e-9)
     assert bank.alive[0] == 2
     np.testing.assert_allclose(np.sort(np.exp(bank.log_weight[:2])), [0.3, 0.7])
     for ours, theirs in zip(total(bank), before, strict=True):
@@ -158,7 +163,7 @@ def test_headings_a_turn_apart_merge():
     bank = bank_of(mean, P)
     bank.mean[1], bank.covariance[1] = mean + np.array([0.0, 0.0, 2 * np.pi]), P
     bank.log_weight[:2], bank.alive[0] = np.log(0.5), 2
-    reduce(bank, 1, 50, make_desk(bank))
+    reduce_mixture(bank, 1, 50, make_merge_workspace(bank))
     assert bank.alive[0] == 1
     np.testing.assert_allclose(bank.covariance[0], P, atol=1e-12)
 
@@ -169,22 +174,22 @@ def test_no_more_than_the_budget_are_kept():
         bank.mean[k], bank.covariance[k] = k, 1e-4 * np.eye(3)
         bank.log_weight[k] = np.log((k + 1) / 820)
     bank.alive[0] = 40
-    reduce(bank, 1, 10, make_desk(bank))
+    reduce_mixture(bank, 1, 10, make_merge_workspace(bank))
     assert bank.alive[0] == 10
     np.testing.assert_array_equal(bank.mean[:10, 0], np.arange(30, 40))
     assert bank.dropped[0] == pytest.approx(np.arange(1, 31).sum() / 820)
     assert abs(np.exp(bank.log_weight[:10]).sum() - 1.0) < 1e-12
 
 
-@pytest.mark.parametrize("view", [EGO, View("mutual", ("R1", "R2")), View("world")])
+@pytest.mark.parametrize("view", [EGO, FrameSpec("mutual", ("R1", "R2")), FrameSpec("world")])
 def test_is_the_ekf_where_the_prior_is_narrow(view):
     recording = team_recording(seed=2, moving=2, seconds=10.0)
     start = from_truth(recording, (0.01, 0.01, 0.01))
-    problem = lay_out(recording, start, SETTINGS, view)
+    problem = build_problem(recording, start, SETTINGS, view)
     ours, theirs = solve_mixture(problem, SETTINGS), solve_ekf(problem, SETTINGS)
     sigma = np.sqrt(np.einsum("oii->oi", theirs.covariance))
     difference = ours.mean - theirs.mean
-    difference[:, 2] = wrap(difference[:, 2])
+    difference[:, 2] = wrap_angle(difference[:, 2])
     assert np.abs(difference / sigma).max() < 0.3
     np.testing.assert_allclose(ours.covariance, theirs.covariance, atol=0.1 * sigma.max() ** 2)
 
@@ -200,7 +205,7 @@ def mirrored(recording):
 
 def test_evidence_tells_the_truth_from_its_mirror_image():
     recording = team_recording(seed=1, moving=2, seconds=30.0)
-    problem = lay_out(recording, mirrored(recording), SETTINGS, EGO)
+    problem = build_problem(recording, mirrored(recording), SETTINGS, EGO)
     solution = solve_mixture(problem, SETTINGS)
     assert solution.share[0] == pytest.approx(0.5, abs=0.01)
     assert solution.share[-1] > 0.999
@@ -215,7 +220,7 @@ NARRATOR = Estimator("mixture", EGO)
 
 
 def told(recording, start):
-    return localize(recording, start, SETTINGS, NARRATOR)
+    return localize_recording(recording, start, SETTINGS, NARRATOR)
 
 
 def test_tells_when_the_answer_became_unique_and_that_it_is_not():
@@ -235,7 +240,7 @@ def test_tells_what_it_had_no_room_for():
     crowded = FilterSettings(mixture={"components": 10})
     few = solve_mixture(problem, crowded)
     assert 0.05 < few.dropped < 1.0
-    found = localize(recording, pair_start(recording, (1.0, 1.0, 0.5)), crowded, NARRATOR)
+    found = localize_recording(recording, pair_start(recording, (1.0, 1.0, 0.5)), crowded, NARRATOR)
     assert any(f"probability {few.dropped:.2f} were dropped" in line for line in found.left_out)
     early, late = cut(problem, 2_000_000_000)
     first = solve_mixture(early, crowded)
@@ -280,7 +285,7 @@ def test_goes_on_where_it_stopped():
     joined = np.concatenate([first.mean, second.mean])
     sigma = np.sqrt(np.einsum("oii->oi", whole.covariance))
     difference = joined - whole.mean
-    difference[:, 2] = wrap(difference[:, 2])
+    difference[:, 2] = wrap_angle(difference[:, 2])
     assert np.abs(difference / sigma).max() < 0.1
 
 
@@ -306,7 +311,7 @@ def cut(problem, t):
 
 def test_an_outlier_kills_no_hypothesis():
     recording = team_recording(seed=1, moving=2, seconds=2.0)
-    problem = lay_out(recording, mirrored(recording), SETTINGS, EGO)
+    problem = build_problem(recording, mirrored(recording), SETTINGS, EGO)
     ranges = problem.ranges.range.copy()
     ranges[5] += 5.0
     solution = solve_mixture(
@@ -321,7 +326,7 @@ def test_an_outlier_kills_no_hypothesis():
 def test_same_numbers_on_every_run():
     recording = team_recording(seed=6, moving=3, seconds=4.0)
     start = from_truth(recording, (0.5, 0.5, 0.5))
-    problem = lay_out(recording, start, SETTINGS, EGO)
+    problem = build_problem(recording, start, SETTINGS, EGO)
     first, second = (solve_mixture(problem, SETTINGS) for _ in range(2))
     for name in ("mean", "covariance", "share", "residual"):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))

@@ -8,18 +8,18 @@ import numba
 import numpy as np
 import pytest
 
-from clt.core.geometry import wrap
-from clt.estimation.estimators import UNIQUE
+from clt.core.geometry import wrap_angle
+from clt.estimation.estimators import MIN_UNIQUE_PROBABILITY
 from clt.filters.kalman.gaussian import solve_ekf
-from clt.filters.particle.gaussian_particles import drawn
+from clt.filters.particle.gaussian_particles import draw_gaussians
 from clt.filters.particle.particles import solve_pf
-from clt.filters.particle.resampling import effective, systematic
+from clt.filters.particle.resampling import effective_sample_size, systematic_resampling
 from clt.initialization.given.truth import from_truth
 from clt.model import belief
 from clt.model.belief import Belief
-from clt.model.choices import View
-from clt.model.mixture_moments import cloud_share, moments
-from clt.model.problem import lay_out
+from clt.model.choices import FrameSpec
+from clt.model.mixture_moments import mixture_block_moments, particle_mode_probability
+from clt.model.problem import build_problem
 from clt.model.settings import FilterSettings
 from tests.filters.mixture.test_mixture import EGO, cut, mirrored, pair_problem, relative_error
 from tests.filters.teams import team_recording
@@ -38,7 +38,7 @@ def drawn_often(log_weight, times, seed):
     counts = np.zeros((times, K), np.int64)
     sound = True
     for t in range(times):
-        systematic(log_weight, copies, source)
+        systematic_resampling(log_weight, copies, source)
         counts[t] = copies
         for k in range(K):
             sound = sound and np.sum(source == k) == copies[k] and copies[source[k]] > 0
@@ -60,8 +60,10 @@ def test_resampling_is_unbiased_and_as_even_as_can_be():
 
 
 def test_effective_size():
-    assert effective(np.log(np.full(8, 0.125))) == pytest.approx(8.0)
-    assert effective(np.log(np.array([1.0 - 3e-12, 1e-12, 1e-12, 1e-12]))) == pytest.approx(1.0)
+    assert effective_sample_size(np.log(np.full(8, 0.125))) == pytest.approx(8.0)
+    assert effective_sample_size(
+        np.log(np.array([1.0 - 3e-12, 1e-12, 1e-12, 1e-12]))
+    ) == pytest.approx(1.0)
 
 
 def linear_problem(settings):
@@ -81,7 +83,7 @@ def linear_problem(settings):
         ranges=replace(recording.ranges, range=measured),
         truth={"R1": replace(truth, x=20.0 + 0.5 * truth.stamp * 1e-9, y=zero, heading=zero)},
     )
-    return lay_out(recording, from_truth(recording, settings.initial.sigma), settings)
+    return build_problem(recording, from_truth(recording, settings.initial.sigma), settings)
 
 
 def test_is_the_kalman_filter_where_the_world_is_linear():
@@ -100,18 +102,18 @@ def test_is_the_kalman_filter_where_the_world_is_linear():
 
 def test_gaussian_particles_are_the_ekf_where_nothing_is_wide():
     recording = team_recording(seed=2, moving=3, seconds=10.0)
-    problem = lay_out(recording, from_truth(recording, (0.01,) * 3), GAUSSIAN, EGO)
+    problem = build_problem(recording, from_truth(recording, (0.01,) * 3), GAUSSIAN, EGO)
     ours, theirs = solve_pf(problem, GAUSSIAN), solve_ekf(problem, GAUSSIAN)
     sigma = np.sqrt(np.einsum("oii->oi", theirs.covariance))
     difference = ours.mean - theirs.mean
-    difference[:, 2] = wrap(difference[:, 2])
+    difference[:, 2] = wrap_angle(difference[:, 2])
     assert np.sqrt(np.mean((difference / sigma) ** 2)) < 0.2
 
 
 @BOTH
 def test_the_truth_wins_over_its_mirror_image(settings):
     recording = team_recording(seed=1, moving=2, seconds=30.0)
-    problem = lay_out(recording, mirrored(recording), settings, EGO)
+    problem = build_problem(recording, mirrored(recording), settings, EGO)
     solution = solve_pf(problem, settings)
     assert solution.share[0] == pytest.approx(0.5, abs=0.1)
     assert solution.share[-1] > 0.99
@@ -141,7 +143,7 @@ def test_goes_on_where_it_stopped(settings):
     sigma = np.sqrt(np.einsum("oii->oi", whole.covariance))
     joined = np.concatenate([first.mean, rest.mean])
     difference = joined - whole.mean
-    difference[:, 2] = wrap(difference[:, 2])
+    difference[:, 2] = wrap_angle(difference[:, 2])
     assert np.sqrt(np.mean((difference / sigma) ** 2)) < 0.35
     again = solve_pf(replace(late, prior=None, belief=first.belief, epoch=2), settings)
     assert settings is GAUSSIAN or np.any(again.mean != rest.mean)
@@ -150,7 +152,7 @@ def test_goes_on_where_it_stopped(settings):
 def test_few_poses_are_left_to_points_and_many_to_gaussians():
     recording = team_recording(seed=1, moving=2, seconds=1.0)
     pair = pair_problem(recording, (0.1, 0.1, 0.1))
-    many = lay_out(recording, from_truth(recording, (0.1,) * 3), FilterSettings(), EGO)
+    many = build_problem(recording, from_truth(recording, (0.1,) * 3), FilterSettings(), EGO)
     assert len(many.robots) == 3
     for problem, width in ((pair, 0), (many, 9)):
         belief = solve_pf(problem, FilterSettings()).belief
@@ -159,13 +161,13 @@ def test_few_poses_are_left_to_points_and_many_to_gaussians():
 
 def test_mutual_particles_are_inverses():
     recording = team_recording(seed=1, moving=2, seconds=5.0)
-    problem = pair_problem(recording, (0.5, 0.5, 1.0), view=View("mutual", ("R1", "R2")))
+    problem = pair_problem(recording, (0.5, 0.5, 1.0), view=FrameSpec("mutual", ("R1", "R2")))
     for settings in (SIR, GAUSSIAN):
         x = solve_pf(problem, settings).belief.mean
         c, s = np.cos(x[:, 2]), np.sin(x[:, 2])
         back = np.stack([-c * x[:, 0] - s * x[:, 1], s * x[:, 0] - c * x[:, 1]], axis=1)
         np.testing.assert_allclose(x[:, 3:5], back, atol=1e-9)
-        np.testing.assert_allclose(wrap(x[:, 2] + x[:, 5]), 0.0, atol=1e-9)
+        np.testing.assert_allclose(wrap_angle(x[:, 2] + x[:, 5]), 0.0, atol=1e-9)
 
 
 def cloud(rng, counts, centres, sigma=0.1):
@@ -182,8 +184,8 @@ def test_the_leading_mode_of_particles(minor):
         rng, [1000 - minor, minor], [np.array([1, 2, 3.1]), np.array([1, -2, -2])]
     )
     mean, P = np.zeros(3), np.zeros((3, 3))
-    moments(log_weight, x, np.zeros((1000, 0, 0)), 1000, 0, mean, P)
-    share = cloud_share(log_weight, x, 0, P, np.zeros((8, 3)))
+    mixture_block_moments(log_weight, x, np.zeros((1000, 0, 0)), 1000, 0, mean, P)
+    share = particle_mode_probability(log_weight, x, 0, P, np.zeros((8, 3)))
     assert share == pytest.approx(1.0 - minor / 1000, abs=0.001)
 
 
@@ -192,18 +194,18 @@ def test_a_gaussian_cloud_is_unique():
     rng = np.random.default_rng(3)
     for _ in range(20):
         log_weight, x = cloud(rng, [5000], [np.array([1, 2, 3.1])])
-        share = cloud_share(log_weight, x, 0, np.cov(x.T), np.zeros((8, 3)))
-        assert share > UNIQUE
+        share = particle_mode_probability(log_weight, x, 0, np.cov(x.T), np.zeros((8, 3)))
+        assert share > MIN_UNIQUE_PROBABILITY
 
 
 def test_headings_are_averaged_whichever_particle_comes_first():
     log_weight, x = cloud(np.random.default_rng(4), [5000], [np.zeros(3)])
     x[0, 2] = np.pi
     mean, P = np.zeros(3), np.zeros((3, 3))
-    moments(log_weight, x, np.zeros((5000, 0, 0)), 5000, 0, mean, P)
+    mixture_block_moments(log_weight, x, np.zeros((5000, 0, 0)), 5000, 0, mean, P)
     assert abs(mean[2]) < 0.01
     assert P[2, 2] < 0.02
-    mean, P = belief.moments(Belief(log_weight, x, np.zeros((5000, 0, 0))), 0)
+    mean, P = belief.belief_block_moments(Belief(log_weight, x, np.zeros((5000, 0, 0))), 0)
     assert abs(mean[2]) < 0.01
     assert P[2, 2] < 0.02
 
@@ -214,9 +216,9 @@ def test_moments_are_those_of_the_belief_on_the_circle():
     x[::2, 2] -= 2 * np.pi
     log_weight = np.log(rng.dirichlet(np.ones(500)))
     mean, P = np.zeros(3), np.zeros((3, 3))
-    moments(log_weight, x, np.zeros((500, 0, 0)), 500, 0, mean, P)
+    mixture_block_moments(log_weight, x, np.zeros((500, 0, 0)), 500, 0, mean, P)
     w = np.exp(log_weight)
-    assert abs(wrap(mean[2] - np.angle(w @ np.exp(1j * x[:, 2])))) < 2e-3
+    assert abs(wrap_angle(mean[2] - np.angle(w @ np.exp(1j * x[:, 2])))) < 2e-3
     flat = x.copy()
     flat[::2, 2] += 2 * np.pi
     np.testing.assert_allclose(P, np.cov(flat.T, aweights=w, ddof=0), atol=1e-12)
@@ -226,6 +228,6 @@ def test_gaussians_are_drawn_in_proportion():
     belief = Belief(
         np.log([0.55, 0.0001, 0.4499]), np.arange(9.0).reshape(3, 3), np.zeros((3, 3, 3))
     )
-    first = drawn(belief, 1000, 1).mean[:, 0]
+    first = draw_gaussians(belief, 1000, 1).mean[:, 0]
     assert abs(np.mean(first == 0.0) - 0.55) < 0.002
     assert abs(np.mean(first == 6.0) - 0.4499) < 0.002

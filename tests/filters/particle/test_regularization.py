@@ -8,13 +8,13 @@ import numba
 import numpy as np
 import pytest
 
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.filters.mixture.mixture import solve_mixture
-from clt.filters.particle.regularization import cells_of, regularize
+from clt.filters.particle.regularization import make_cell_workspace, regularize
 from clt.filters.particle.sir import solve_sir
 from clt.initialization.given.truth import from_truth
-from clt.model.choices import parse_view
-from clt.model.problem import lay_out
+from clt.model.choices import parse_frame_spec
+from clt.model.problem import build_problem
 from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
@@ -33,7 +33,7 @@ def regularized(x, blocks=1):
     """The particles (K, N) after it; equal weights."""
     seed(3)
     y = x.copy()
-    regularize(EVEN, y, blocks, x.shape[1], cells_of(*x.shape))
+    regularize(EVEN, y, blocks, x.shape[1], make_cell_workspace(*x.shape))
     return y
 
 
@@ -41,12 +41,12 @@ def test_copies_become_distinct_with_the_moments_that_they_had():
     rng = np.random.default_rng(1)
     A = np.array([[0.3, 0.0, 0.0], [0.2, 0.1, 0.0], [0.0, -0.05, 0.02]])
     few = rng.normal(size=(1000, 3)) @ A.T + (4.0, -2.0, 3.1)
-    few[:, 2] = wrap(few[:, 2])
+    few[:, 2] = wrap_angle(few[:, 2])
     x = few[rng.integers(0, 1000, 4000)]
     y = regularized(x)
     assert np.unique(y[:, 0]).size == 4000
     d, e = (z - (4.0, -2.0, 3.1) for z in (x, y))
-    d[:, 2], e[:, 2] = wrap(d[:, 2]), wrap(e[:, 2])
+    d[:, 2], e[:, 2] = wrap_angle(d[:, 2]), wrap_angle(e[:, 2])
     sigma = d.std(axis=0)
     np.testing.assert_allclose(e.mean(axis=0), d.mean(axis=0), atol=0.05 * sigma.min())
     np.testing.assert_allclose(
@@ -88,7 +88,9 @@ def spreads(number):
         "car1": replace(start.poses["car1"], covariance=np.zeros((3, 3))),
         "car2": replace(other, mean=other.mean + off),
     }
-    problem = lay_out(recording, replace(start, poses=poses), settings, parse_view("ego:car1"))
+    problem = build_problem(
+        recording, replace(start, poses=poses), settings, parse_frame_spec("ego:car1")
+    )
     late = problem.outputs.stamp > (problem.start + problem.end) // 2
     pf, mixture = (solve(problem, settings) for solve in (solve_sir, solve_mixture))
     sums = [run.covariance[late].mean(axis=0).diagonal() for run in (pf, mixture)]

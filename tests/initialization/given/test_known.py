@@ -7,16 +7,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.core.start import InitialPose
-from clt.initialization.given.known import completed, from_references, lacking, moved, references
+from clt.initialization.given.known import (
+    complete_given_start,
+    from_references,
+    propagate_pose,
+    reference_poses,
+    robots_without_pose,
+)
 from clt.initialization.given.poses import from_poses
 from clt.initialization.motion.motion import from_motion
 from clt.model.settings import FilterSettings
-from clt.sim.motion import paths
+from clt.sim.motion import drive_paths
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
-from clt.sim.team import members
+from clt.sim.team import team_members
 
 DEFAULTS = FilterSettings()
 SIGMA = (0.01, 0.01, 0.01)
@@ -36,13 +42,13 @@ def scene():
     made = load_scenario("shi-sim", {**keys, "seed": 4})
     starts = {
         name: np.array([path.x[0], path.y[0], path.heading[0]])
-        for name, path in paths(made, members(made)).items()
+        for name, path in drive_paths(made, team_members(made)).items()
     }
     return simulate(made), starts
 
 
 def off(pose, start):
-    return np.append(pose.mean[:2] - start[:2], wrap(pose.mean[2:] - start[2:]))
+    return np.append(pose.mean[:2] - start[:2], wrap_angle(pose.mean[2:] - start[2:]))
 
 
 def with_truth_of(recording, *names):
@@ -87,8 +93,8 @@ def test_a_file_with_the_pose_of_one_robot_is_completed(scene):
     x, y, heading = starts["R2"].tolist()
     tables = {"R2": {"x": x, "y": y, "heading": heading}}
     start = from_poses(replace(recording, truth={}), tables, "poses.toml", SIGMA)
-    assert lacking(recording, start) == ["R3"]
-    found = completed(recording, start, DEFAULTS)
+    assert robots_without_pose(recording, start) == ["R3"]
+    found = complete_given_start(recording, start, DEFAULTS)
     assert found.robots["R3"].status == "ok"
     e = off(found.robots["R3"].pose, starts["R3"])
     assert e @ np.linalg.solve(found.robots["R3"].pose.covariance, e) < 21.1
@@ -96,7 +102,7 @@ def test_a_file_with_the_pose_of_one_robot_is_completed(scene):
 
 def test_the_truth_of_all_is_no_reference(scene):
     recording, _ = scene
-    assert references(recording, SIGMA) == (0, {})
+    assert reference_poses(recording, SIGMA) == (0, {})
     assert from_references(replace(recording, truth={}), DEFAULTS) is None
 
 
@@ -116,6 +122,8 @@ def test_a_pose_is_carried_along_by_odometry(scene):
     begin, end = int(truth.stamp[0]), int(truth.stamp[0]) + 2_000_000_000
     k = int(np.searchsorted(truth.stamp, end))
     first = np.array([truth.x[0], truth.y[0], truth.heading[0]])
-    pose = moved(recording, "R2", InitialPose(first, np.diag(np.square(SIGMA))), (begin, end))
+    pose = propagate_pose(
+        recording, "R2", InitialPose(first, np.diag(np.square(SIGMA))), (begin, end)
+    )
     np.testing.assert_allclose(pose.mean[:2], [truth.x[k], truth.y[k]], atol=0.3)
     assert pose.covariance[0, 0] >= SIGMA[0] ** 2

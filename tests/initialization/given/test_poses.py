@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from clt.core.errors import CltError, UsageError
-from clt.core.geometry import ANY_HEADING
+from clt.core.geometry import UNIFORM_HEADING_SIGMA
 from clt.initialization.given.poses import from_poses
 from tests.initialization.given.test_truth import BEGIN, SECOND, SIGMA, recording
 
@@ -68,7 +68,7 @@ def test_seen_from_a_robot_a_static_one_has_a_heading_that_may_be_unknown():
     for ego in ("", "[R1]\nx = 0\ny = 0\nheading = 0\n"):
         tables = tomllib.loads(text.format("heading = 1\nsigma = [0.1, 0.2, 0.3]\n" + ego))
         poses = from_poses(recording(), tables, "poses.toml", SIGMA, "R1").poses
-        assert poses["A1"].covariance[2, 2] == pytest.approx(ANY_HEADING**2)
+        assert poses["A1"].covariance[2, 2] == pytest.approx(UNIFORM_HEADING_SIGMA**2)
         np.testing.assert_allclose(np.diag(poses["A2"].covariance), [0.01, 0.04, 0.09])
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from clt.core.errors import CltError
 from clt.core.recording import Odometry, Poses, Recording, Robot, Team
-from clt.core.start import odometry_begin, period
+from clt.core.start import median_period, odometry_start
 from clt.initialization.given.truth import from_truth
 
 SECOND = 10**9
@@ -51,13 +51,13 @@ def alone(truth):
 
 def test_odometry_that_begins_at_zero_begins_no_earlier():
     """No log holds a time before zero."""
-    assert odometry_begin(replace(recording(), odometry={"R1": odometry(0)}), "R1") == 0
+    assert odometry_start(replace(recording(), odometry={"R1": odometry(0)}), "R1") == 0
 
 
 def test_period_and_beginning_of_odometry():
-    assert period(np.array([5], np.int64)) == 0
-    assert period(np.array([0, 10, 20, 1000], np.int64)) == 10
-    assert odometry_begin(recording(), "R1") == BEGIN
+    assert median_period(np.array([5], np.int64)) == 0
+    assert median_period(np.array([0, 10, 20, 1000], np.int64)) == 10
+    assert odometry_start(recording(), "R1") == BEGIN
 
 
 def test_all_poses_hold_at_the_first_instant_that_everybody_has():

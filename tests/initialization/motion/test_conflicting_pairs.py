@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.initialization.motion.motion import from_motion
-from clt.initialization.pair_distances import between
+from clt.initialization.pair_distances import rows_of_pairs
 from clt.model.settings import FilterSettings
-from clt.ranging.recover import recover
-from clt.sim.motion import paths
+from clt.ranging.recover import range_packets
+from clt.sim.motion import drive_paths
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
-from clt.sim.team import members
+from clt.sim.team import team_members
 
 DEFAULTS = FilterSettings()
 ONE_IN_A_MILLION = 30.7
@@ -26,10 +26,10 @@ def simulated(scenario, **keys):
     made = load_scenario(scenario, {"duration": 60.0, **keys})
     starts = {
         name: np.array([path.x[0], path.y[0], path.heading[0]])
-        for name, path in paths(made, members(made)).items()
+        for name, path in drive_paths(made, team_members(made)).items()
     }
     recording = replace(simulate(made), truth={})
-    return (recording if made.radio is None else recover(recording).recording), starts
+    return (recording if made.radio is None else range_packets(recording).recording), starts
 
 
 @pytest.fixture(scope="module", params=["ranges", "packets"])
@@ -39,12 +39,12 @@ def five(request):
 
 def biased(recording, pair, bias):
     a, b = (recording.team.index(name) for name in pair.split("-"))
-    off = bias * between(recording, [(a, b)])
+    off = bias * rows_of_pairs(recording, [(a, b)])
     return replace(recording, ranges=replace(recording.ranges, range=recording.ranges.range + off))
 
 
 def squared_error(robot, start):
-    e = np.append(robot.pose.mean[:2] - start[:2], wrap(robot.pose.mean[2:] - start[2:]))
+    e = np.append(robot.pose.mean[:2] - start[:2], wrap_angle(robot.pose.mean[2:] - start[2:]))
     return e @ np.linalg.solve(robot.pose.covariance, e)
 
 

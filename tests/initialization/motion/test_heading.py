@@ -5,7 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clt.initialization.motion.heading import bearing, fixes, track, two_ranges
+from clt.initialization.motion.heading import (
+    bilaterate,
+    fit_heading,
+    position_fixes,
+    track_position_fixes,
+)
 
 coordinate = st.floats(-20.0, 20.0)
 
@@ -14,7 +19,7 @@ coordinate = st.floats(-20.0, 20.0)
 @settings(max_examples=200)
 def test_two_ranges_are_inverted_exactly(x, y, baseline):
     d1, d2 = np.array([np.hypot(x, y)]), np.array([np.hypot(x - baseline, y)])
-    found_x, found_y = two_ranges(d1, d2, baseline)
+    found_x, found_y = bilaterate(d1, d2, baseline)
     assert found_x[0] == pytest.approx(x, abs=1e-8)
     assert found_y[0] == pytest.approx(abs(y), abs=2e-4)
 
@@ -22,13 +27,13 @@ def test_two_ranges_are_inverted_exactly(x, y, baseline):
 def test_the_printed_formula_is_wrong():
     d1, d2, baseline = 5.0, 4.0, 6.0
     phi = (d1**2 + d2**2 - baseline**2) / (2 * d1 * baseline)
-    x, y = two_ranges(np.array([d1]), np.array([d2]), baseline)
+    x, y = bilaterate(np.array([d1]), np.array([d2]), baseline)
     assert abs(d1 * np.cos(phi) - x[0]) > 1.0
     assert abs(d2 * np.sin(phi) - y[0]) > 1.0
 
 
 def test_ranges_that_make_no_triangle_lie_on_the_baseline():
-    x, y = two_ranges(np.array([1.0]), np.array([2.0]), 4.0)
+    x, y = bilaterate(np.array([1.0]), np.array([2.0]), 4.0)
     assert (x[0], y[0]) == (pytest.approx(1.625), 0.0)
 
 
@@ -37,10 +42,10 @@ def test_two_anchors_leave_two_places_and_three_one():
     place = np.array([2.0, 3.0])
     d = np.hypot(*(place - anchors).T)
     sigma = np.full(3, 0.05)
-    both = fixes(anchors[:2], d[:2], sigma[:2])
+    both = position_fixes(anchors[:2], d[:2], sigma[:2])
     found = sorted(fix.position.tolist() for fix in both)
     np.testing.assert_allclose(found, [[2.0, -3.0], [2.0, 3.0]], atol=1e-8)
-    alone = fixes(anchors, d, sigma)
+    alone = position_fixes(anchors, d, sigma)
     assert len(alone) == 1
     np.testing.assert_allclose(alone[0].position, place, atol=1e-8)
 
@@ -51,7 +56,7 @@ def test_positions_scatter_as_their_covariance_says(count):
     anchors = np.array([[0, 0], [9, 0], [9, 8], [0, 8], [4, -2]], float)[:count]
     place = np.array([3.0, 2.5])
     d = np.hypot(*(place - anchors).T) + 0.05 * rng.normal(size=(2000, count))
-    found = track(anchors, d, np.full(d.shape, 0.05), 1.0)
+    found = track_position_fixes(anchors, d, np.full(d.shape, 0.05), 1.0)
     e = found.position - place
     nees = np.einsum("ni,ni->n", e, np.linalg.solve(found.covariance, e[:, :, None])[:, :, 0])
     assert np.mean(nees) / 2 == pytest.approx(1.0, abs=0.06)
@@ -62,7 +67,7 @@ def test_a_missing_distance_is_done_without():
     place = np.array([3.0, 2.5])
     d = np.tile(np.hypot(*(place - anchors).T), (2, 1))
     d[1, 2] = np.nan
-    found = track(anchors, d, np.full(d.shape, 0.05), 1.0)
+    found = track_position_fixes(anchors, d, np.full(d.shape, 0.05), 1.0)
     np.testing.assert_allclose(found.position, [place, place], atol=1e-8)
 
 
@@ -86,7 +91,7 @@ def driven(rng, heading, curve, noise):
 @settings(max_examples=50, deadline=None)
 def test_a_drive_without_noise_gives_the_exact_heading(heading, curve):
     place, body, _ = driven(np.random.default_rng(0), heading, curve, 0.0)
-    found = bearing(place, np.tile(0.01 * np.eye(2), (60, 1, 1)), body)
+    found = fit_heading(place, np.tile(0.01 * np.eye(2), (60, 1, 1)), body)
     assert np.cos(found.heading - heading) == pytest.approx(1.0, abs=1e-12)
     np.testing.assert_allclose(found.origin, [1.0, 2.0], atol=1e-9)
 
@@ -96,7 +101,7 @@ def test_the_variance_of_a_heading_is_true():
     z = []
     for _ in range(600):
         place, body, covariance = driven(rng, 0.7, 0.0, 1.0)
-        found = bearing(place, covariance, body)
+        found = fit_heading(place, covariance, body)
         z.append((found.heading - 0.7) / np.sqrt(found.variance))
     assert np.std(z) == pytest.approx(1.0, abs=0.1)
     assert abs(np.mean(z)) < 0.2
@@ -108,7 +113,7 @@ def test_regression_beats_a_line_fit():
     regressed, fitted = [], []
     for _ in range(300):
         place, body, covariance = driven(rng, 0.7, 0.0, 8.0)
-        regressed.append(bearing(place, covariance, body).heading - 0.7)
+        regressed.append(fit_heading(place, covariance, body).heading - 0.7)
         axis = np.linalg.svd(place - place.mean(axis=0))[2][0]
         axis = axis if axis @ [np.cos(0.7), np.sin(0.7)] > 0 else -axis
         fitted.append(np.arctan2(axis[1], axis[0]) - 0.7)
@@ -116,4 +121,4 @@ def test_regression_beats_a_line_fit():
 
 
 def test_standing_still_gives_no_heading():
-    assert bearing(np.zeros((9, 2)), np.tile(np.eye(2), (9, 1, 1)), np.zeros((9, 2))) is None
+    assert fit_heading(np.zeros((9, 2)), np.tile(np.eye(2), (9, 1, 1)), np.zeros((9, 2))) is None

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from clt.initialization.motion.layout import lay_out, mirrored
-from clt.initialization.pair_distances import Pairs
+from clt.initialization.motion.layout import estimate_layout, reflect_at_line
+from clt.initialization.pair_distances import PairDistances
 
 SIGMA = 0.01
 
@@ -28,14 +28,14 @@ def pairs_of(points, rng=None, leave_out=()):
     a, b = a[keep].astype(np.int64), b[keep].astype(np.int64)
     d = np.hypot(*(points[a] - points[b]).T)
     d = d if rng is None else d + SIGMA * rng.normal(size=d.size)
-    return Pairs(a, b, d, np.full(d.size, SIGMA))
+    return PairDistances(a, b, d, np.full(d.size, SIGMA))
 
 
 @given(st.integers(3, 10), st.integers(0, 2**32 - 1))
 @settings(max_examples=40, deadline=None)
 def test_exact_distances_are_laid_out_exactly_in_shi_s_frame(n, seed):
     points = spread_out(n, seed)
-    found = lay_out(pairs_of(points), n, {})
+    found = estimate_layout(pairs_of(points), n, {})
     np.testing.assert_allclose(found.position, points, atol=1e-6)
     assert found.rigid.all()
     assert found.used.all()
@@ -46,7 +46,7 @@ def test_exact_distances_are_laid_out_exactly_in_shi_s_frame(n, seed):
 @settings(max_examples=30, deadline=None)
 def test_the_gauge_holds_whatever_the_noise(n, seed):
     points = spread_out(n, seed)
-    found = lay_out(pairs_of(points, np.random.default_rng(seed)), n, {})
+    found = estimate_layout(pairs_of(points, np.random.default_rng(seed)), n, {})
     assert found.position[0].tolist() == [0.0, 0.0]
     assert found.position[1, 1] == 0.0
     assert found.position[1, 0] > 0.0
@@ -67,7 +67,7 @@ def test_known_positions_hold_the_frame(seed):
     known = {2: points[2], 4: points[4], 0: points[0]}
     (ax, ay), (bx, by) = points[[2, 4]] - points[0]
     assume(abs(ax * by - ay * bx) > 4.0)
-    found = lay_out(pairs_of(points), 6, known)
+    found = estimate_layout(pairs_of(points), 6, known)
     np.testing.assert_allclose(found.position, points, atol=1e-5)
     for node, place in known.items():
         assert found.position[node].tolist() == place.tolist()
@@ -76,7 +76,7 @@ def test_known_positions_hold_the_frame(seed):
 def test_covariance_is_the_scatter_of_the_estimates():
     points = spread_out(5, 3)
     rng = np.random.default_rng(4)
-    found = [lay_out(pairs_of(points, rng), 5, {}) for _ in range(400)]
+    found = [estimate_layout(pairs_of(points, rng), 5, {}) for _ in range(400)]
     errors = np.array([one.position.ravel() - points.ravel() for one in found])
     free = np.flatnonzero(found[0].covariance.diagonal() > 0.0)
     nees = [
@@ -89,14 +89,14 @@ def test_covariance_is_the_scatter_of_the_estimates():
 @pytest.mark.parametrize("missing", [(0, 1), (2, 4), (1, 3)])
 def test_a_missing_pair_does_not_matter(missing):
     points = spread_out(5, 11)
-    found = lay_out(pairs_of(points, leave_out=(missing,)), 5, {})
+    found = estimate_layout(pairs_of(points, leave_out=(missing,)), 5, {})
     np.testing.assert_allclose(found.position, points, atol=1e-6)
     assert found.rigid.all()
 
 
 def test_a_node_with_one_distance_is_not_rigid():
     points = spread_out(5, 7)
-    found = lay_out(pairs_of(points, leave_out=((0, 4), (1, 4), (2, 4))), 5, {})
+    found = estimate_layout(pairs_of(points, leave_out=((0, 4), (1, 4), (2, 4))), 5, {})
     assert found.rigid.tolist() == [True, True, True, True, False]
     np.testing.assert_allclose(found.position[:4], points[:4], atol=1e-6)
 
@@ -109,7 +109,7 @@ def test_one_false_distance_is_left_out(seed, excess):
     pairs = pairs_of(points, rng)
     k = int(rng.integers(pairs.a.size))
     pairs.distance[k] += excess
-    found = lay_out(pairs, 6, {})
+    found = estimate_layout(pairs, 6, {})
     assert np.flatnonzero(~found.used).tolist() == [k]
     assert np.abs(found.position - points).max() < 0.1
     assert found.residual[k] == pytest.approx(excess, abs=0.15)
@@ -119,11 +119,13 @@ def test_distances_that_all_disagree_widen_the_covariance():
     points = spread_out(5, 5)
     rng = np.random.default_rng(1)
     calm = pairs_of(points)
-    narrow = np.trace(lay_out(calm, 5, {}).covariance)
+    narrow = np.trace(estimate_layout(calm, 5, {}).covariance)
     widened = []
     for _ in range(10):
-        biased = Pairs(calm.a, calm.b, calm.distance + 0.06 * rng.normal(size=10), calm.sigma)
-        found = lay_out(biased, 5, {})
+        biased = PairDistances(
+            calm.a, calm.b, calm.distance + 0.06 * rng.normal(size=10), calm.sigma
+        )
+        found = estimate_layout(biased, 5, {})
         if found.used.all():
             widened.append(np.trace(found.covariance) / narrow)
     assert len(widened) >= 3
@@ -132,8 +134,8 @@ def test_distances_that_all_disagree_widen_the_covariance():
 
 def test_mirrored():
     a, b = np.array([1.0, 1.0]), np.array([3.0, 3.0])
-    np.testing.assert_allclose(mirrored(np.array([2.0, 0.0]), a, b), [0.0, 2.0], atol=1e-12)
-    np.testing.assert_allclose(mirrored(a[None], a, b), a[None])
+    np.testing.assert_allclose(reflect_at_line(np.array([2.0, 0.0]), a, b), [0.0, 2.0], atol=1e-12)
+    np.testing.assert_allclose(reflect_at_line(a[None], a, b), a[None])
 
 
 def in_shi_s_frame(points):
@@ -168,7 +170,7 @@ def test_no_part_of_a_layout_with_missing_pairs_is_mirrored_and_certain(seed):
     ends = list(zip(*np.triu_indices(n, 1), strict=True))
     share = rng.uniform(0.1, 0.5)
     pairs = pairs_of(points, rng, [end for end in ends if rng.random() < share])
-    found = lay_out(pairs, n, {})
+    found = estimate_layout(pairs, n, {})
     off, in_sigma = errors_of_what_is_certain(found, points)
     assert not ((off > 0.5) & (in_sigma > 5.0)).any()
     assert found.probability + sum(other.probability for other in found.others) <= 1.0 + 1e-9
@@ -177,13 +179,13 @@ def test_no_part_of_a_layout_with_missing_pairs_is_mirrored_and_certain(seed):
 def test_a_node_that_hangs_on_two_may_be_on_either_side_of_them():
     points = np.array([[0.0, 0.0], [6.0, 0.0], [5.0, 6.0], [1.0, 5.0], [3.0, 9.0]])
     missing = ((0, 4), (1, 4))
-    found = lay_out(pairs_of(points, np.random.default_rng(1), missing), 5, {})
+    found = estimate_layout(pairs_of(points, np.random.default_rng(1), missing), 5, {})
     assert found.rigid.all()
     assert len(found.others) == 1
     assert found.probability == pytest.approx(0.5, abs=0.01)
     places = np.array([found.position, found.others[0].position])
     np.testing.assert_allclose(places[0, :4], places[1, :4], atol=1e-6)
-    image = mirrored(points[4], points[2], points[3])
+    image = reflect_at_line(points[4], points[2], points[3])
     best = min(np.abs(place - points[4]).max() for place in places[:, 4])
     other = min(np.abs(place - image).max() for place in places[:, 4])
     assert max(best, other) < 0.1
@@ -192,7 +194,7 @@ def test_a_node_that_hangs_on_two_may_be_on_either_side_of_them():
 def test_parts_that_two_nodes_separate_are_mirrored_one_by_one():
     points = np.array([[0.0, 0.0], [6.0, 1.0], [3.0, 5.0], [2.0, -4.0], [9.0, 4.0], [8.0, 7.0]])
     missing = ((2, 3), (2, 4), (2, 5), (3, 4), (3, 5))
-    found = lay_out(pairs_of(points, np.random.default_rng(2), missing), 6, {})
+    found = estimate_layout(pairs_of(points, np.random.default_rng(2), missing), 6, {})
     assert len(found.others) == 3
     assert found.probability == pytest.approx(0.25, abs=0.01)
 
@@ -200,11 +202,11 @@ def test_parts_that_two_nodes_separate_are_mirrored_one_by_one():
 def test_nearly_collinear_nodes_do_not_tell_a_side_that_noise_hides():
     """Node 4 is ranged by three nodes on a line but for 3 mm: far less than the noise."""
     points = np.array([[0.0, 0.0], [4.0, 0.003], [8.0, 0.0], [3.0, 7.0], [5.0, 3.0]])
-    found = lay_out(pairs_of(points, np.random.default_rng(3), ((3, 4),)), 5, {})
+    found = estimate_layout(pairs_of(points, np.random.default_rng(3), ((3, 4),)), 5, {})
     assert len(found.others) == 1
     # 30 cm off the line it is the ranges that decide.
     points[1, 1] = 0.3
-    found = lay_out(pairs_of(points, np.random.default_rng(3), ((3, 4),)), 5, {})
+    found = estimate_layout(pairs_of(points, np.random.default_rng(3), ((3, 4),)), 5, {})
     assert len(found.others) == 0
     np.testing.assert_allclose(found.position, in_shi_s_frame(points), atol=0.5)
 
@@ -212,8 +214,8 @@ def test_nearly_collinear_nodes_do_not_tell_a_side_that_noise_hides():
 def test_known_positions_off_one_line_leave_the_images_of_single_nodes():
     points = np.array([[0.0, 0.0], [6.0, 0.0], [5.0, 6.0], [1.0, 5.0]])
     known = {0: points[0], 1: points[1], 2: points[2]}
-    hanging = lay_out(pairs_of(points, np.random.default_rng(1), ((2, 3),)), 4, known)
+    hanging = estimate_layout(pairs_of(points, np.random.default_rng(1), ((2, 3),)), 4, known)
     assert [round(hanging.probability, 2), len(hanging.others)] == [0.5, 1]
     np.testing.assert_allclose(hanging.others[0].position[:3], points[:3])
-    whole = lay_out(pairs_of(points, np.random.default_rng(1)), 4, known)
+    whole = estimate_layout(pairs_of(points, np.random.default_rng(1)), 4, known)
     assert (len(whole.others), whole.probability) == (0, 1.0)

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from clt.core.errors import CltError
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.estimation import estimators
 from clt.initialization.motion.motion import from_motion
-from clt.initialization.motion.search import TOO_FEW
-from clt.initialization.status import AGAIN
+from clt.initialization.motion.search import TOO_FEW_PLACED_ROBOTS
+from clt.initialization.status import REUSE_SIGMA_FACTOR
 from clt.model.settings import FilterSettings
-from clt.sim.motion import paths
+from clt.sim.motion import drive_paths
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
-from clt.sim.team import members
+from clt.sim.team import team_members
 
 DEFAULTS = FilterSettings()
 STRAIGHT = {"kind": "segments", "segments": [{"duration": 5.0, "v": 0.1, "omega": 0.0}]}
@@ -28,13 +28,13 @@ def simulated(scenario="shi-sim", **overrides):
     made = load_scenario(scenario, {k.replace("__", "."): v for k, v in overrides.items()})
     starts = {
         name: np.array([path.x[0], path.y[0], path.heading[0]])
-        for name, path in paths(made, members(made)).items()
+        for name, path in drive_paths(made, team_members(made)).items()
     }
     return replace(simulate(made), truth={}), starts
 
 
 def error(robot, start):
-    return np.append(robot.pose.mean[:2] - start[:2], wrap(robot.pose.mean[2:] - start[2:]))
+    return np.append(robot.pose.mean[:2] - start[:2], wrap_angle(robot.pose.mean[2:] - start[2:]))
 
 
 def less(recording, ends):
@@ -84,8 +84,8 @@ def test_the_filter_starts_wider_because_it_sees_the_ranges_again():
     recording, _ = simulated("shi-three", duration=20.0)
     found = from_motion(recording, DEFAULTS)
     pose, wide = found.robots["R3"].pose, found.start.poses["R3"]
-    np.testing.assert_allclose(wide.covariance, AGAIN**2 * pose.covariance)
-    posterior = estimators.localize(recording, found.start, DEFAULTS)
+    np.testing.assert_allclose(wide.covariance, REUSE_SIGMA_FACTOR**2 * pose.covariance)
+    posterior = estimators.localize_recording(recording, found.start, DEFAULTS)
     assert posterior.diverged == ()
 
 
@@ -216,7 +216,10 @@ def test_a_robot_heard_by_one_static_robot_alone():
     recording, _ = simulated(duration=10.0)
     lost = less(less(less(recording, {"R2", "R4"}), {"R3", "R4"}), {"R5", "R4"})
     found = from_motion(lost, DEFAULTS)
-    assert (found.robots["R4"].status, found.robots["R4"].why) == ("unobservable", TOO_FEW)
+    assert (found.robots["R4"].status, found.robots["R4"].why) == (
+        "unobservable",
+        TOO_FEW_PLACED_ROBOTS,
+    )
     assert found.robots["R3"].status == found.robots["R5"].status == "ok"
 
 

@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clt.initialization.motion.frame import Frame
-from clt.initialization.motion.heading_hypotheses import Refined
-from clt.initialization.motion.robot_status import ambiguous, mirror_images
+from clt.initialization.motion.frame import CandidateFrame
+from clt.initialization.motion.heading_hypotheses import RefinedStart
+from clt.initialization.motion.robot_status import ambiguous_robot, are_mirror_images
 from clt.initialization.motion.search import Candidate
-from clt.initialization.motion.team import Verdict
+from clt.initialization.motion.team import CombinationWeights
 
 ANCHORS = {"S1": np.array([1.0, 1.0]), "S2": np.array([3.0, 3.0])}
-FRAME = Frame(True, ANCHORS, {}, {}, {}, True, (ANCHORS["S1"], ANCHORS["S2"]))
+FRAME = CandidateFrame(True, ANCHORS, {}, {}, {}, True, (ANCHORS["S1"], ANCHORS["S2"]))
 
 
 def refined(x, y, heading, nis=1.0):
     mean, covariance = np.array([x, y, heading]), 1e-4 * np.eye(3)
-    return Refined(mean, covariance, 0.0, nis, mean, covariance)
+    return RefinedStart(mean, covariance, 0.0, nis, mean, covariance)
 
 
 @pytest.mark.parametrize(
@@ -31,7 +31,7 @@ def refined(x, y, heading, nis=1.0):
 )
 def test_mirror_images(other, mirrored):
     """At the line y = x the mirror image of (2, 4, 0.3) is (4, 2, pi / 2 - 0.3)."""
-    assert mirror_images(refined(2.0, 4.0, 0.3), refined(*other), FRAME) == mirrored
+    assert are_mirror_images(refined(2.0, 4.0, 0.3), refined(*other), FRAME) == mirrored
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,9 @@ def test_mirror_images(other, mirrored):
 def test_the_reason_names_a_mirror_image_only_where_it_is_one(other, told):
     a = Candidate(0, refined(2.0, 4.0, 0.3, nis=2.0), 0.7)
     b = Candidate(0, refined(*other), 0.3)
-    robot = ambiguous("R", Verdict({"R": a}, {"R": ((a, 0.7), (b, 0.3))}, {0: 1.0}), (FRAME,))
+    robot = ambiguous_robot(
+        "R", CombinationWeights({"R": a}, {"R": ((a, 0.7), (b, 0.3))}, {0: 1.0}), (FRAME,)
+    )
     assert robot.status == "ambiguous"
     assert told in robot.why
     assert robot.why.endswith("or give its pose in a TOML file (--init FILE)")

@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 from clt.cli.app import app
 from clt.core.errors import CltError
 from clt.core.recording import Ranges, Recording, Robot, Team
-from clt.initialization.motion.frame import survey
+from clt.initialization.motion.frame import survey_frames
 from clt.initialization.motion.motion import from_motion
-from clt.initialization.motion.static import MIRROR
+from clt.initialization.motion.static import MIRROR_UNDECIDED
 from clt.log.recording.save import save
 from clt.model.settings import FilterSettings
 
@@ -38,7 +38,7 @@ def standing(
 def test_shis_frame() -> None:
     found = from_motion(standing({}), FilterSettings())
     assert not found.surveyed
-    assert MIRROR in found.notes
+    assert MIRROR_UNDECIDED in found.notes
     for place, robot in zip(PLACES, found.robots.values(), strict=True):
         assert robot.status == "ok"
         assert robot.pose is not None
@@ -50,7 +50,7 @@ def test_known_positions_hold_the_frame() -> None:
     shifted = {i: (float(x) + 5.0, float(y) - 3.0) for i, (x, y) in enumerate(PLACES[:3])}
     found = from_motion(standing(shifted), FilterSettings())
     assert found.surveyed
-    assert MIRROR not in found.notes
+    assert MIRROR_UNDECIDED not in found.notes
     last = found.robots["R3"].pose
     assert last is not None
     assert last.mean[:2] == pytest.approx([6.5, -2.0], abs=0.01)
@@ -69,7 +69,7 @@ def test_known_positions_name_the_frame() -> None:
 def test_beside_the_line_of_two_known_robots_a_place_is_ambiguous() -> None:
     shifted = {i: (float(x) + 5.0, float(y) - 3.0) for i, (x, y) in enumerate(PLACES[:2])}
     found = from_motion(standing(shifted), FilterSettings())
-    assert MIRROR in found.notes
+    assert MIRROR_UNDECIDED in found.notes
     assert [robot.status for robot in found.robots.values()] == ["ok", "ok"] + 2 * ["ambiguous"]
     for name, (x, y) in zip(("R2", "R3"), PLACES[2:], strict=True):
         robot = found.robots[name]
@@ -113,7 +113,7 @@ def test_command_needs_no_odometry(tmp_path: Path) -> None:
 
 def test_the_mirror_image_of_a_layout_has_the_mirrored_covariance() -> None:
     recording = standing({}, lost=((2, 3),))
-    found = survey(recording, 0, 0, [], FilterSettings())
+    found = survey_frames(recording, 0, 0, [], FilterSettings())
     assert len(found.frames) == 4
     one, other = found.frames[:2]
     flip = np.diag([1.0, -1.0])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from clt.core.geometry import rotation
+from clt.core.geometry import rotation_matrix
 
 
 def cost_of(pair, theta, phi, d):
@@ -13,7 +13,7 @@ def cost_of(pair, theta, phi, d):
 
 def residuals_and_covariance(pair, theta, phi, d):
     """r and W by numpy alone."""
-    R = rotation(phi)
+    R = rotation_matrix(phi)
     q = d * np.array([np.cos(theta), np.sin(theta)])
     w = q + (pair.b - pair.b[0]) @ R.T - (pair.a - pair.a[0])
     apart = np.linalg.norm(w, axis=1)

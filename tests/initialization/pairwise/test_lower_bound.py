@@ -5,48 +5,52 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clt.core.geometry import rotation, wrap
+from clt.core.geometry import rotation_matrix, wrap_angle
 from clt.initialization.pairwise.branch_and_bound import (
-    FAR,
-    MARGIN,
-    NEAR,
-    WIDTH_P,
-    WIDTH_T,
-    explore,
-    fewer,
+    CELL_FARTHEST,
+    CELL_NEAREST,
+    COST_MARGIN,
+    HALF_PHI,
+    HALF_THETA,
+    first_sweep_pair,
+    search_cells,
 )
 from clt.initialization.pairwise.likelihood import (
-    AT,
+    AT_DISTANCE,
     COST,
-    FIELDS,
+    COST_FIELDS,
     PHI,
     THETA,
-    Pair,
-    descend,
-    factor,
-    weigh,
+    PairRanges,
+    cholesky_factor,
+    evaluate_cost,
+    fit_relative_pose,
 )
-from clt.initialization.pairwise.lower_bound import best_distance, excluded, nearest_farthest
+from clt.initialization.pairwise.lower_bound import (
+    best_distance,
+    distance_limits,
+    excluded_distance,
+)
 from clt.initialization.pairwise.taylor_bounds import (
     DD,
-    GROWTH,
+    G_X,
     PD,
     PP,
-    SPREAD,
     TD,
     TP,
     TT,
-    X,
-    higher,
-    prepare,
-    pull,
-    sizes_of,
-    third_order,
-    turned_off,
-    uncertain,
-    work_for,
+    VARIANCE_GROWTH,
+    VARIANCE_OF_X,
+    add_track_variance,
+    bound_sizes,
+    direction_remainder,
+    higher_orders,
+    make_bound_workspace,
+    prepare_bound,
+    range_remainder,
+    set_added_variances,
 )
-from clt.initialization.pairwise.unimodality import one_minimum
+from clt.initialization.pairwise.unimodality import has_one_minimum
 from tests.initialization.pairwise.pair_costs import cost_of, residuals_and_covariance
 from tests.initialization.pairwise.winding import track
 
@@ -61,10 +65,10 @@ def drawn(rng, n, drift, scatter):
 
     a, b = (track(0.5 * rng.standard_normal(n - 1)) for _ in "ab")
     pose = np.array([*rng.uniform(-4.0, 4.0, 2), rng.uniform(-np.pi, np.pi)])
-    z = np.hypot(*(pose[:2] + b @ rotation(pose[2]).T - a).T) + 0.2 * rng.standard_normal(n)
+    z = np.hypot(*(pose[:2] + b @ rotation_matrix(pose[2]).T - a).T) + 0.2 * rng.standard_normal(n)
     joint = scatter * rng.standard_normal((n, 4, 4))
     S = joint @ np.swapaxes(joint, 1, 2)
-    return Pair(
+    return PairRanges(
         np.abs(z),
         rng.uniform(0.01, 0.05, n),
         a,
@@ -78,13 +82,13 @@ def drawn(rng, n, drift, scatter):
 
 
 def center(pair, theta, phi, d, low, high, h_t, h_p):
-    """What `excluded` needs of a cell."""
-    work = work_for(pair)
-    uncertain(pair, work, theta, phi, d, h_t, h_p)
-    weigh(pair, theta, phi, d, low, high, work.more, work.L, work.y, work.out)
+    """What `excluded_distance` needs of a cell."""
+    work = make_bound_workspace(pair)
+    set_added_variances(pair, work, theta, phi, d, h_t, h_p)
+    evaluate_cost(pair, theta, phi, d, low, high, work.more, work.L, work.y, work.out)
 
     def how_far(most):
-        return excluded(pair, work, h_t, h_p, low, high, most)
+        return excluded_distance(pair, work, h_t, h_p, low, high, most)
 
     return how_far, work.out
 
@@ -134,23 +138,25 @@ def test_two_ranges_stay_within_what_their_expansion_neglects(seed, drift, scatt
     middle = np.array([*rng.uniform(-np.pi, np.pi, 2), rng.uniform(0.5, 3.0)])
     h = half * np.array([1.0, 1.0, 2.0]) * rng.choice([0.1, 1.0], 3)
     h[2] = min(h[2], 0.4 * middle[2])
-    work = work_for(pair)
-    weigh(pair, *middle, 0.0, np.inf, np.zeros(2), work.L, work.y, work.out)
-    prepare(pair, work, 0.0, 0.0, 0.0)
-    pull(pair, work.g, work.sums)
-    x = work.g[:, X].copy()
+    work = make_bound_workspace(pair)
+    evaluate_cost(pair, *middle, 0.0, np.inf, np.zeros(2), work.L, work.y, work.out)
+    prepare_bound(pair, work, 0.0, 0.0, 0.0)
+    add_track_variance(pair, work.g, work.sums)
+    x = work.g[:, G_X].copy()
 
     def told(pose):
         r, W = residuals_and_covariance(pair, *pose)
         return np.array([x @ r, x @ W @ x])
 
     value, s = told(middle), work.sums[0]
-    gradient = np.array([[-s[2], -s[3], -s[1]], s[[GROWTH, GROWTH + 3, GROWTH + 6]]])
+    gradient = np.array(
+        [[-s[2], -s[3], -s[1]], s[[VARIANCE_GROWTH, VARIANCE_GROWTH + 3, VARIANCE_GROWTH + 6]]]
+    )
     hessian = -np.array([[s[TT], s[TP], s[TD]], [s[TP], s[PP], s[PD]], [s[TD], s[PD], s[DD]]])
-    np.testing.assert_allclose(value, [s[0], s[SPREAD]], rtol=1e-9)
+    np.testing.assert_allclose(value, [s[0], s[VARIANCE_OF_X]], rtol=1e-9)
     if scatter == 0.0:
         np.testing.assert_allclose(gradient, derivative(told, middle), rtol=1e-4, atol=1e-4)
-    less, more = np.sum([higher(work, k, *h, 0.0) for k in range(2)], axis=0)
+    less, more = np.sum([higher_orders(work, k, *h, 0.0) for k in range(2)], axis=0)
     rounding = 1e-9 * (1.0 + np.abs(value))
     for sign in rng.choice([-1.0, -0.5, 0.0, 0.5, 1.0], (60, 3)):
         e = sign * h
@@ -184,9 +190,9 @@ def test_higher_orders_of_a_distance_and_of_its_direction_are_bounded(ratio):
         along, across = part * ratio * np.cos(turn), part * ratio * np.sin(turn)
         length = np.hypot(1.0 + along, across)
         left = np.abs(length - 1.0 - along - 0.5 * across**2)
-        assert left.max() <= ratio * third_order(ratio) * (1.0 + 1e-12)
+        assert left.max() <= ratio * range_remainder(ratio) * (1.0 + 1e-12)
         off = np.hypot((1.0 + along) / length - 1.0, across / length - across)
-        assert off.max() <= turned_off(ratio) * (1.0 + 1e-12)
+        assert off.max() <= direction_remainder(ratio) * (1.0 + 1e-12)
 
 
 def test_beyond_a_whole_distance_the_third_order_is_at_most_the_second():
@@ -194,14 +200,14 @@ def test_beyond_a_whole_distance_the_third_order_is_at_most_the_second():
     for ratio in (1.0, 1.5, 4.0):
         along, across = ratio * np.cos(turn), ratio * np.sin(turn)
         left = np.abs(np.hypot(1.0 + along, across) - 1.0 - along - 0.5 * across**2)
-        assert left.max() <= ratio * third_order(ratio)
+        assert left.max() <= ratio * range_remainder(ratio)
 
 
 def test_the_first_range_bounds_the_distance_of_every_cheap_pose():
     rng = np.random.default_rng(2)
     for _ in range(20):
         pair = drawn(rng, 8, 0.05, 0.1)
-        near, far = nearest_farthest(pair, sizes_of(pair), 25.0)
+        near, far = distance_limits(pair, bound_sizes(pair), 25.0)
         for theta, phi in rng.uniform(-np.pi, np.pi, (20, 2)):
             for d in (0.999 * near, 1.001 * far):
                 assert d <= 1.1e-3 or cost_of(pair, theta, phi, d) > 25.0
@@ -212,26 +218,28 @@ def test_no_minimum_that_dense_starts_find_is_outside_the_cells(drift, scatter):
     rng = np.random.default_rng(3)
     for _ in range(4):
         pair = drawn(rng, 9, drift, scatter)
-        cells, faked, complete, _ = explore(pair, fewer(pair), True, np.inf)
+        cells, faked, complete, _ = search_cells(pair, first_sweep_pair(pair), True, np.inf)
         assert complete
         minima = dense_minima(pair)
-        most = min(minima[:, COST].min(), cells[:, COST].min()) + MARGIN + faked
+        most = min(minima[:, COST].min(), cells[:, COST].min()) + COST_MARGIN + faked
         cheap = minima[minima[:, COST] < most - 1e-6]
         assert len(cheap) > 0
         for found in cheap:
-            e = np.abs(wrap(cells[:, [THETA, PHI]] - found[[THETA, PHI]]))
-            inside = np.all(e <= cells[:, [WIDTH_T, WIDTH_P]] + 1e-9, axis=1)
-            inside &= (cells[:, NEAR] <= found[AT] + 1e-9) & (found[AT] <= cells[:, FAR] + 1e-9)
+            e = np.abs(wrap_angle(cells[:, [THETA, PHI]] - found[[THETA, PHI]]))
+            inside = np.all(e <= cells[:, [HALF_THETA, HALF_PHI]] + 1e-9, axis=1)
+            inside &= (cells[:, CELL_NEAREST] <= found[AT_DISTANCE] + 1e-9) & (
+                found[AT_DISTANCE] <= cells[:, CELL_FARTHEST] + 1e-9
+            )
             assert inside.any()
 
 
 def dense_minima(pair):
     """Where weighted least squares ends from all over both circles and several distances."""
     n = pair.z.size
-    L, y, out = np.empty((n, n)), np.empty((n, 8)), np.empty(FIELDS)
+    L, y, out = np.empty((n, n)), np.empty((n, 8)), np.empty(COST_FIELDS)
     across = np.arange(-np.pi, np.pi, np.pi / 14.0)
     starts = [(t, p, part * pair.z[0]) for t in across for p in across for part in (0.8, 1.2)]
-    return np.array([out.copy() for at in starts if descend(pair, *at, True, L, y, out)])
+    return np.array([out.copy() for at in starts if fit_relative_pose(pair, *at, True, L, y, out)])
 
 
 def test_one_minimum_sees_every_other_one_along_a_line():
@@ -242,16 +250,16 @@ def test_one_minimum_sees_every_other_one_along_a_line():
         pair = drawn(rng, 9, 0.0, 0.0)
         # Robots that pass each other: the line leads across the other one's track.
         pair = pair._replace(z=np.hypot(*(0.3 * rng.standard_normal((2, 9)) + [[0.5], [0.0]])))
-        work, low, high = work_for(pair), 0.05, 2.0
+        work, low, high = make_bound_workspace(pair), 0.05, 2.0
         theta, phi = rng.uniform(-np.pi, np.pi, 2)
         d = rng.uniform(low, high)
-        weigh(pair, theta, phi, d, low, high, np.zeros(9), work.L, work.y, work.out)
+        evaluate_cost(pair, theta, phi, d, low, high, np.zeros(9), work.L, work.y, work.out)
         far = np.linspace(low, high, 400)
         cost = np.array([cost_of(pair, theta, phi, each) for each in far])
         r, J = work.y[:, 0], work.y[:, 1]
         promise = np.sum((r - np.outer(far - d, J)) ** 2, axis=1)
         most = np.quantile(cost, 0.2)
-        single = one_minimum(pair, work, low, high, most)
+        single = has_one_minimum(pair, work, low, high, most)
         if np.sum(cost < np.minimum(most, 0.5 * promise - 4.0)) > 8:
             assert not single
         elif np.all(cost > np.minimum(most, promise - 1.0)):
@@ -266,4 +274,4 @@ def test_the_determinant_of_a_factor_neither_overflows_nor_vanishes():
         root = rng.standard_normal((40, 40))
         W = scale * (root @ root.T + np.eye(40))
         L = W.copy()
-        assert factor(L, 40) == pytest.approx(np.linalg.slogdet(W)[1], rel=1e-12)
+        assert cholesky_factor(L, 40) == pytest.approx(np.linalg.slogdet(W)[1], rel=1e-12)

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from clt.core.geometry import wrap
-from clt.initialization.pairwise.outliers import misfits, polar, pose_of
+from clt.core.geometry import wrap_angle
+from clt.initialization.pairwise.outliers import normalized_residuals, polar_to_pose, pose_to_polar
 from clt.initialization.pairwise.pairwise import solve_pair
-from clt.initialization.pairwise.taylor_bounds import work_for
+from clt.initialization.pairwise.taylor_bounds import make_bound_workspace
 from tests.initialization.pairwise.pair_costs import residuals_and_covariance
 from tests.initialization.pairwise.winding import measured, still, track, winding
 
 
 def off(mean, pose):
     """How far a pose is from the true one, m and rad."""
-    return np.hypot(*(mean - pose)[:2]), abs(float(wrap((mean - pose)[2:])[0]))
+    return np.hypot(*(mean - pose)[:2]), abs(float(wrap_angle((mean - pose)[2:])[0]))
 
 
 @pytest.mark.parametrize("in_a_row", [False, True])
@@ -85,9 +85,9 @@ def test_a_mirror_image_is_no_rival_of_which_ranges_are_wild():
 def test_misfits_are_residuals_in_units_of_their_deviation():
     rng = np.random.default_rng(10)
     pair, pose = winding(rng, 9, 0.1, 0.3)
-    theta, phi, d = polar(pair, pose)
+    theta, phi, d = pose_to_polar(pair, pose)
     r, W = residuals_and_covariance(pair, theta, phi, d)
-    found = misfits(pair, theta, phi, d, work_for(pair))
+    found = normalized_residuals(pair, theta, phi, d, make_bound_workspace(pair))
     np.testing.assert_allclose(found, np.abs(r) / np.sqrt(np.diag(W)), rtol=1e-9)
 
 
@@ -96,4 +96,6 @@ def test_polar_coordinates_tell_the_pose():
     for _ in range(20):
         pair, pose = winding(rng, 5, 0.1, 0.3)
         there = pair._replace(a=pair.a + rng.normal(size=2), b=pair.b + rng.normal(size=2))
-        np.testing.assert_allclose(pose_of(there, *polar(there, pose)), pose, atol=1e-12)
+        np.testing.assert_allclose(
+            polar_to_pose(there, *pose_to_polar(there, pose)), pose, atol=1e-12
+        )

@@ -2,14 +2,14 @@ import numpy as np
 import pytest
 
 from clt.core.errors import CltError
-from clt.core.geometry import rotation, wrap
+from clt.core.geometry import rotation_matrix, wrap_angle
 from clt.initialization.pairwise.pairwise import solve_pair
 from tests.initialization.pairwise.winding import measured, still, track
 
 
 def error(mean, pose):
     e = np.atleast_2d(mean) - pose
-    e[:, 2] = wrap(e[:, 2])
+    e[:, 2] = wrap_angle(e[:, 2])
     return e
 
 
@@ -41,7 +41,7 @@ def test_straight_tracks_leave_exactly_four_poses(seed):
     np.testing.assert_allclose(found.probability, 0.25, atol=0.06)
     assert np.min(np.max(np.abs(error(found.mean, pose)), axis=1)) < 1e-6
     for mean in found.mean:
-        told = np.hypot(*(mean[:2] + straight @ rotation(mean[2]).T - straight).T)
+        told = np.hypot(*(mean[:2] + straight @ rotation_matrix(mean[2]).T - straight).T)
         np.testing.assert_allclose(told, pair.z, atol=1e-6)
 
 

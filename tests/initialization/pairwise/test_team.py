@@ -4,21 +4,21 @@ import numpy as np
 import pytest
 
 from clt.core.errors import CltError
-from clt.core.geometry import ANY_HEADING, relative_pose, wrap
-from clt.core.start import InitialPose, odometry_begin
-from clt.initialization.pairwise.graph import combine, inverted
-from clt.initialization.pairwise.hypotheses import Hypotheses
-from clt.initialization.pairwise.pairwise import cut_pair
+from clt.core.geometry import UNIFORM_HEADING_SIGMA, relative_pose, wrap_angle
+from clt.core.start import InitialPose, odometry_start
+from clt.initialization.pairwise.graph import combine_pairs, invert_hypotheses
+from clt.initialization.pairwise.hypotheses import PairHypotheses
+from clt.initialization.pairwise.pairwise import build_pair
 from clt.initialization.pairwise.team import (
-    CHOSEN,
-    CONTRADICT,
-    CUT_OFF,
-    doubted,
+    OUTLIERS_GUESSED,
+    PAIRS_CONTRADICT,
+    SEARCH_CUT_OFF,
     from_pairwise,
-    how_much,
-    told,
+    rate_initialization,
+    status_from_joints,
+    with_pair_doubts,
 )
-from clt.initialization.status import Initialization, RobotStatus, unobservable
+from clt.initialization.status import Initialization, RobotStatus, unobservable_status
 from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
@@ -38,7 +38,7 @@ def seen(i, j, *others, sigma=0.05):
     k = len(mean)
     P = np.tile(np.diag([sigma, sigma, sigma]) ** 2, (k, 1, 1))
     share = np.full(k, 1.0 / k)
-    return Hypotheses(mean[order], P, share, share, 0.0, k == 1)
+    return PairHypotheses(mean[order], P, share, share, 0.0, k == 1)
 
 
 def test_a_cycle_of_pairs_tells_which_of_their_hypotheses_are_true():
@@ -47,7 +47,7 @@ def test_a_cycle_of_pairs_tells_which_of_their_hypotheses_are_true():
         ("R1", "R3"): seen("R1", "R3", np.array([-1.0, -3.0, 2.0])),
         ("R2", "R3"): seen("R2", "R3", np.array([0.0, 2.0, 1.0])),
     }
-    names, joints = combine("R1", edges, frozenset())
+    names, joints = combine_pairs("R1", edges, frozenset())
     assert set(names) == {"R1", "R2", "R3"}
     for name, mean in zip(names, joints[0].mean, strict=True):
         np.testing.assert_allclose(mean, POSES[name], atol=1e-6)
@@ -60,7 +60,7 @@ def test_a_chain_with_a_missing_pair_and_a_static_end_keeps_all_combinations():
         ("R2", "R3"): seen("R2", "R3", np.array([0.0, 2.0, 1.0])),
         ("R3", "R4"): seen("R3", "R4"),
     }
-    names, joints = combine("R1", edges, frozenset({"R4"}))
+    names, joints = combine_pairs("R1", edges, frozenset({"R4"}))
     assert len(joints) == 2
     best = min(joints, key=lambda joint: np.abs(joint.mean[names.index("R3")] - POSES["R3"]).max())
     np.testing.assert_allclose(best.mean[names.index("R4"), :2], POSES["R4"][:2], atol=1e-9)
@@ -68,7 +68,7 @@ def test_a_chain_with_a_missing_pair_and_a_static_end_keeps_all_combinations():
 
 
 def test_a_robot_that_no_range_reaches_is_left_out():
-    names, _ = combine("R1", {("R1", "R2"): seen("R1", "R2")}, frozenset())
+    names, _ = combine_pairs("R1", {("R1", "R2"): seen("R1", "R2")}, frozenset())
     assert names == ("R1", "R2")
 
 
@@ -76,7 +76,7 @@ def test_inverting_twice_gives_the_same_poses_and_covariances():
     one = seen("R2", "R3", np.array([1.0, -2.0, 3.0]))
     P = one.covariance + 0.001 * np.ones((3, 3))
     one = replace(one, covariance=P)
-    twice = inverted(inverted(one))
+    twice = invert_hypotheses(invert_hypotheses(one))
     np.testing.assert_allclose(twice.mean, one.mean, atol=1e-12)
     np.testing.assert_allclose(twice.covariance, one.covariance, atol=1e-12)
 
@@ -87,7 +87,7 @@ def errors(recording, found, ego):
     for name, robot in found.robots.items():
         if name != ego:
             e = robot.pose.mean - relative_pose(start[ego], start[name])
-            yield float(np.hypot(e[0], e[1])), abs(float(wrap(e[2:])[0])), robot
+            yield float(np.hypot(e[0], e[1])), abs(float(wrap_angle(e[2:])[0])), robot
 
 
 @pytest.mark.parametrize("ego", ["R1", "R3"])
@@ -168,7 +168,7 @@ def test_nothing_is_known_of_the_heading_of_a_static_robot():
         robot = found.robots[name]
         assert robot.status == "ok"
         for P in (robot.pose.covariance, found.start.poses[name].covariance):
-            assert P[2, 2] == pytest.approx(ANY_HEADING**2)
+            assert P[2, 2] == pytest.approx(UNIFORM_HEADING_SIGMA**2)
             assert not P[2, :2].any()
         assert found.start.poses[name].covariance[0, 0] > 8.0 * robot.pose.covariance[0, 0]
 
@@ -177,12 +177,14 @@ def test_combinations_without_room_are_told():
     """Five robots with four poses each: more than the 64 that are followed."""
     others = [np.array([2.0, 1.0, k]) for k in (1.5, 2.5, 3.0)]
     edges = {("R1", f"N{k}"): replace(seen("R1", "R2", *others)) for k in range(5)}
-    names, joints = combine("R1", edges, frozenset())
+    names, joints = combine_pairs("R1", edges, frozenset())
     assert joints[0].cut > 0.9
-    robot = told(joints, names.index("N3"), turns=True)
+    robot = status_from_joints(joints, names.index("N3"), turns=True)
     assert (robot.status, robot.open) == ("ambiguous", False)
     assert "too many combinations" in robot.why
-    assert combine("R1", {("R1", "N1"): seen("R1", "R2", *others)}, frozenset())[1][0].cut == 0.0
+    assert (
+        combine_pairs("R1", {("R1", "N1"): seen("R1", "R2", *others)}, frozenset())[1][0].cut == 0.0
+    )
 
 
 def test_a_track_without_heading_ends_but_some_ranges_are_looked_at():
@@ -192,9 +194,9 @@ def test_a_track_without_heading_ends_but_some_ranges_are_looked_at():
     sizes = []
     for sigma in (0.02, 0.3, 3.0):
         settings = FilterSettings.model_validate({"noise": noise | {"sigma_omega": sigma}})
-        begin = odometry_begin(recording, "R1")
+        begin = odometry_start(recording, "R1")
         span = (begin, begin + 30_500_000_000)
-        sizes.append(cut_pair(recording, ("R1", "R2"), span, settings).z.size)
+        sizes.append(build_pair(recording, ("R1", "R2"), span, settings).z.size)
     assert sizes[0] == 30
     assert 4 < sizes[1] < 20
     assert sizes[2] == 4
@@ -208,9 +210,11 @@ def start(sigma, status="ambiguous", probability=1.0, why=""):
 
 
 def test_what_tells_more_is_without_contradiction_then_sure_then_narrow():
-    nothing = Initialization(0, False, {"R1": start(1.0).robots["R1"], "R2": unobservable("no")})
+    nothing = Initialization(
+        0, False, {"R1": start(1.0).robots["R1"], "R2": unobservable_status("no")}
+    )
     better = [
-        start(0.01, why=CONTRADICT),
+        start(0.01, why=PAIRS_CONTRADICT),
         nothing,
         start(1.0, probability=0.2),
         start(1.0),
@@ -218,24 +222,24 @@ def test_what_tells_more_is_without_contradiction_then_sure_then_narrow():
         start(0.25, "ok"),
         start(0.02, "ok"),
     ]
-    assert sorted(better, key=how_much) == better
+    assert sorted(better, key=rate_initialization) == better
     worse = better[::-1]
-    assert sorted(worse, key=how_much) == better
+    assert sorted(worse, key=rate_initialization) == better
 
 
 def test_a_start_with_something_unseen_is_not_open():
     """No filter can settle what is not among its hypotheses."""
     whole = seen("R1", "R2")
     for edge, why in (
-        (replace(whole, complete=False), CUT_OFF),
-        (replace(whole, chosen=True), CHOSEN),
+        (replace(whole, complete=False), SEARCH_CUT_OFF),
+        (replace(whole, chosen=True), OUTLIERS_GUESSED),
     ):
         edges = {("R1", "R2"): edge}
-        sure = doubted(RobotStatus("ok", None), edges)
+        sure = with_pair_doubts(RobotStatus("ok", None), edges)
         assert (sure.status, sure.open) == ("ambiguous", False)
         assert sure.why == why.format("R1-R2")
-        assert not doubted(RobotStatus("ambiguous", None, open=True), edges).open
-    assert doubted(RobotStatus("ambiguous", None, open=True), {("R1", "R2"): whole}).open
+        assert not with_pair_doubts(RobotStatus("ambiguous", None, open=True), edges).open
+    assert with_pair_doubts(RobotStatus("ambiguous", None, open=True), {("R1", "R2"): whole}).open
     wide = {("R1", "R2"): replace(whole, widened=True)}
-    assert not doubted(RobotStatus("ambiguous", None, open=True), wide).open
-    assert doubted(RobotStatus("ok", None), {("R1", "R2"): whole}).status == "ok"
+    assert not with_pair_doubts(RobotStatus("ambiguous", None, open=True), wide).open
+    assert with_pair_doubts(RobotStatus("ok", None), {("R1", "R2"): whole}).status == "ok"

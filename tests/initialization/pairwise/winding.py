@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from clt.core.geometry import rotation
-from clt.initialization.pairwise.likelihood import Pair
+from clt.core.geometry import rotation_matrix
+from clt.initialization.pairwise.likelihood import PairRanges
 
 
 def track(turns, step=0.6):
@@ -16,14 +16,16 @@ def track(turns, step=0.6):
 def measured(a, b, pose, sigma, drift, rng):
     """Ranges along two true tracks, which odometry knows up to a random walk (m per step)."""
     n = len(a)
-    z = np.hypot(*(pose[:2] + b @ rotation(pose[2]).T - a).T) + sigma * rng.standard_normal(n)
+    z = np.hypot(*(pose[:2] + b @ rotation_matrix(pose[2]).T - a).T) + sigma * rng.standard_normal(
+        n
+    )
     steps = np.arange(n)
     P = drift**2 * np.minimum(steps[:, None], steps)[:, :, None, None] * np.eye(2)
     S = P[steps, steps]
     walks = [np.cumsum(drift * rng.standard_normal((n, 2)), axis=0) for _ in "ab"]
     a, b = (p + w - w[0] for p, w in zip((a, b), walks, strict=True))
     variance = np.full(n, max(sigma, 1e-3) ** 2)
-    return Pair(np.abs(z), variance, a, b, P, P.copy(), S, S.copy(), np.zeros((n, 2, 2)))
+    return PairRanges(np.abs(z), variance, a, b, P, P.copy(), S, S.copy(), np.zeros((n, 2, 2)))
 
 
 def winding(rng, n, sigma, drift):
@@ -39,6 +41,6 @@ def still(z, sigma, a):
     n = len(z)
     P, S = np.zeros((n, n, 2, 2)), np.zeros((n, 2, 2))
     a = np.array(a, np.float64)
-    return Pair(
+    return PairRanges(
         np.array(z, np.float64), np.array(sigma) ** 2, a, np.zeros((n, 2)), P, P, S, S, S.copy()
     )

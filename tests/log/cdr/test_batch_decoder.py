@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clt.log.cdr import batch_decoder
-from clt.log.cdr.msgdef import parse
-from clt.log.cdr.reader import Budget
+from clt.log.cdr.msgdef import parse_definition
+from clt.log.cdr.reader import StepBudget
 from clt.log.cdr.schemas import ros2msg
 from clt.log.mcap.table import Messages
 from tests.log import official
@@ -33,8 +33,10 @@ def messages(payloads, gap=b"\xaa\xbb\xcc"):
 def both(kind, payloads, paths, text=None):
     """Columns by templates and by the official decoder."""
     text = ros2msg(kind) if text is None else text
-    struct, table = parse(kind, text), messages(payloads)
-    return batch_decoder.decode(table, struct, paths), official.decode(table, struct, text, paths)
+    struct, table = parse_definition(kind, text), messages(payloads)
+    return batch_decoder.decode_columns(table, struct, paths), official.decode(
+        table, struct, text, paths
+    )
 
 
 def same(fast, slow):
@@ -194,9 +196,9 @@ def test_broken_messages_are_marked_and_the_rest_is_read():
 def test_a_foreign_encapsulation_is_not_guessed_at():
     payload = bytearray(range_message(1, 1, 2, 3.0))
     payload[1] = 7
-    fast = batch_decoder.decode(
+    fast = batch_decoder.decode_columns(
         messages([bytes(payload)]),
-        parse("clt_msgs/msg/Range", ros2msg("clt_msgs/msg/Range")),
+        parse_definition("clt_msgs/msg/Range", ros2msg("clt_msgs/msg/Range")),
         ["range"],
     )
     assert not fast.good.any()
@@ -211,18 +213,18 @@ def test_a_hostile_length_word_is_no_loop():
 def test_messages_without_a_common_layout_are_read_one_by_one():
     payloads = [
         odometry("<>"[k % 2], (k, 0), "f" * k, "base", [float(k)])
-        for k in range(3 * batch_decoder.LAYOUTS)
+        for k in range(3 * batch_decoder.MAX_LAYOUTS)
     ]
     payloads[-5] = payloads[-5][:-8]
     same(*both("nav_msgs/msg/Odometry", payloads, KINDS["nav_msgs/msg/Odometry"][1]))
     text = "string pad\nbool on\nchar c\nfloat32[3] three\nint16[] some\nwstring wide"
     payloads = [
         Cdr().text("f" * k).put("B", k % 2, k).put("f", k, 2.0, 3.0).put("I", 2).put("h", k, -k)
-        for k in range(2 * batch_decoder.LAYOUTS)
+        for k in range(2 * batch_decoder.MAX_LAYOUTS)
     ]
     paths = ["pad", "on", "c", "three", "some[1]"]
-    table, struct = messages([one.done() for one in payloads]), parse("a/msg/B", text)
-    found = batch_decoder.decode(table, struct, paths)
+    table, struct = messages([one.done() for one in payloads]), parse_definition("a/msg/B", text)
+    found = batch_decoder.decode_columns(table, struct, paths)
     count = len(payloads)
     assert found.good.all()
     assert found.columns["pad"].tolist() == ["f" * k for k in range(count)]
@@ -233,10 +235,12 @@ def test_messages_without_a_common_layout_are_read_one_by_one():
 
 
 def test_the_work_on_messages_is_bounded_by_a_budget():
-    payloads = [Cdr().text("f" * k).put("i", k).done() for k in range(3 * batch_decoder.LAYOUTS)]
-    struct = parse("a/msg/B", "string pad\nint32 last")
-    budget = Budget(3 * 100)
-    found = batch_decoder.decode(messages(payloads), struct, ["last"], budget)
+    payloads = [
+        Cdr().text("f" * k).put("i", k).done() for k in range(3 * batch_decoder.MAX_LAYOUTS)
+    ]
+    struct = parse_definition("a/msg/B", "string pad\nint32 last")
+    budget = StepBudget(3 * 100)
+    found = batch_decoder.decode_columns(messages(payloads), struct, ["last"], budget)
     assert found.good.tolist() == [k < 100 for k in range(len(payloads))]
     assert budget.left == 0
 
@@ -244,9 +248,9 @@ def test_the_work_on_messages_is_bounded_by_a_budget():
 def test_a_long_text_costs_no_other_row():
     long = "w" * 1_000_000
     payloads = [Cdr().text(long if k == 7 else "world").done() for k in range(5000)]
-    column = batch_decoder.decode(messages(payloads), parse("a/msg/B", "string a"), ["a"]).columns[
-        "a"
-    ]
+    column = batch_decoder.decode_columns(
+        messages(payloads), parse_definition("a/msg/B", "string a"), ["a"]
+    ).columns["a"]
     assert column.nbytes == 8 * 5000
     assert column[7] == long
     assert set(column.tolist()) == {long, "world"}
@@ -262,8 +266,8 @@ def test_very_long_messages_are_read_by_themselves():
 def test_a_wide_string_behind_the_wanted_fields_does_no_harm():
     text = "int32 first\nwstring wide\nint32 last"
     payload = Cdr().put("i", 5).put("I", 1, 65).put("i", 6).done()
-    struct = parse("a/msg/B", text)
-    decoded = batch_decoder.decode(messages([payload]), struct, ["first"])
+    struct = parse_definition("a/msg/B", text)
+    decoded = batch_decoder.decode_columns(messages([payload]), struct, ["first"])
     assert decoded.columns["first"].tolist() == [5]
     assert decoded.good.all()
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from clt.log.cdr.msgdef import DefinitionError, Field, Struct, parse
-from clt.log.cdr.paths import Leaf, PathError, resolve
-from clt.log.cdr.schemas import directory, ros2msg
+from clt.log.cdr.msgdef import DefinitionError, Field, Struct, parse_definition
+from clt.log.cdr.paths import LeafType, PathError, resolve_path
+from clt.log.cdr.schemas import ros2msg, schema_directory
 
 SEPARATOR = "=" * 80
 TEXT = f"""
@@ -43,7 +43,7 @@ HEADER = Struct("std_msgs/Header", (Field("stamp", TIME), Field("frame_id", "tex
 
 
 def test_every_shape_of_a_field():
-    assert parse("a_msgs/msg/Outer", TEXT) == Struct(
+    assert parse_definition("a_msgs/msg/Outer", TEXT) == Struct(
         "a_msgs/Outer",
         (
             Field("pi", "f8"),
@@ -64,7 +64,7 @@ def test_every_shape_of_a_field():
 
 def test_windows_line_endings_and_an_empty_type():
     text = f"Empty e\r\n{SEPARATOR}\r\nMSG: a/Empty\r\n# nothing\r\n"
-    assert parse("a/msg/B", text).fields == (Field("e", Struct("a/Empty", ())),)
+    assert parse_definition("a/msg/B", text).fields == (Field("e", Struct("a/Empty", ())),)
 
 
 @pytest.mark.parametrize(
@@ -80,35 +80,37 @@ def test_windows_line_endings_and_an_empty_type():
 )
 def test_nonsense_is_refused(text, told):
     if told is None:
-        assert parse("a/B", text).fields == (Field("x", "u1"),)
+        assert parse_definition("a/B", text).fields == (Field("x", "u1"),)
         return
     with pytest.raises(DefinitionError, match=told):
-        parse("a/B", text)
+        parse_definition("a/B", text)
 
 
 def test_shipped_definitions_are_understood():
-    names = [f"{path.parents[1].name}/msg/{path.stem}" for path in directory().glob("*/msg/*.msg")]
+    names = [
+        f"{path.parents[1].name}/msg/{path.stem}" for path in schema_directory().glob("*/msg/*.msg")
+    ]
     assert len(names) > 10
     for name in names:
-        assert len(parse(name, ros2msg(name)).fields) > 0
+        assert len(parse_definition(name, ros2msg(name)).fields) > 0
 
 
 @pytest.mark.parametrize(
     ("path", "leaf"),
     [
-        ("pi", Leaf("f8")),
-        ("name", Leaf("text")),
-        ("four", Leaf("u1", 4)),
-        ("four[3]", Leaf("u1")),
-        ("numbers[17]", Leaf("i4")),
-        ("few[0]", Leaf("text")),
-        ("two[1].flag", Leaf("?")),
-        ("many[5].octet", Leaf("u1")),
-        ("header.stamp.nanosec", Leaf("u4")),
+        ("pi", LeafType("f8")),
+        ("name", LeafType("text")),
+        ("four", LeafType("u1", 4)),
+        ("four[3]", LeafType("u1")),
+        ("numbers[17]", LeafType("i4")),
+        ("few[0]", LeafType("text")),
+        ("two[1].flag", LeafType("?")),
+        ("many[5].octet", LeafType("u1")),
+        ("header.stamp.nanosec", LeafType("u4")),
     ],
 )
 def test_paths_name_leaves(path, leaf):
-    assert resolve(parse("a_msgs/msg/Outer", TEXT), path) == leaf
+    assert resolve_path(parse_definition("a_msgs/msg/Outer", TEXT), path) == leaf
 
 
 @pytest.mark.parametrize(
@@ -129,4 +131,4 @@ def test_paths_name_leaves(path, leaf):
 )
 def test_paths_that_name_no_column(path, told):
     with pytest.raises(PathError, match=told):
-        resolve(parse("a_msgs/msg/Outer", TEXT), path)
+        resolve_path(parse_definition("a_msgs/msg/Outer", TEXT), path)

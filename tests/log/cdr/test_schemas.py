@@ -9,9 +9,9 @@ from mcap_ros2._dynamic import generate_dynamic
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from clt.log.cdr import schemas
-from clt.log.cdr.writer import layout
+from clt.log.cdr.writer import payload_layout
 
-FILES = sorted(schemas.directory().rglob("*.msg"))
+FILES = sorted(schemas.schema_directory().rglob("*.msg"))
 NAMES = [f"{file.parts[-3]}/msg/{file.stem}" for file in FILES]
 OWN = [file for file in FILES if file.parts[-3] == "clt_msgs"]
 
@@ -36,7 +36,7 @@ def test_the_official_parser_takes_the_full_text(name):
 
 
 def test_each_dependency_stands_once():
-    parts = schemas.ros2msg("visualization_msgs/msg/MarkerArray").split(schemas.SEPARATOR)
+    parts = schemas.ros2msg("visualization_msgs/msg/MarkerArray").split(schemas.SCHEMA_SEPARATOR)
     titles = [part.split()[1] for part in parts[1:]]
     assert titles[:3] == ["visualization_msgs/Marker", "std_msgs/Header", "builtin_interfaces/Time"]
     assert len(set(titles)) == len(titles) == 12
@@ -54,7 +54,7 @@ def test_every_own_field_is_commented(file):
 @pytest.mark.parametrize("file", OWN, ids=lambda file: file.stem)
 def test_own_types_have_the_fixed_size_they_state(file):
     stated = re.search(r"(\d+) bytes after the CDR encapsulation header", file.read_text())
-    assert len(layout(f"clt_msgs/msg/{file.stem}").template) == int(stated.group(1)) + 4
+    assert len(payload_layout(f"clt_msgs/msg/{file.stem}").template) == int(stated.group(1)) + 4
 
 
 def test_unknown_type():
@@ -66,4 +66,4 @@ def test_a_wheel_carries_its_own_schemas(tmp_path, monkeypatch):
     (tmp_path / "clt" / "log").mkdir(parents=True)
     (tmp_path / "clt" / "schemas").mkdir()
     monkeypatch.setattr(schemas, "__file__", str(tmp_path / "clt" / "log" / "cdr" / "schemas.py"))
-    assert schemas.directory() == tmp_path / "clt" / "schemas"
+    assert schemas.schema_directory() == tmp_path / "clt" / "schemas"

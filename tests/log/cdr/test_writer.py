@@ -11,7 +11,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from clt.core.errors import LogError
 from clt.log.cdr import schemas
-from clt.log.cdr.writer import layout, stamp_columns
+from clt.log.cdr.writer import payload_layout, stamp_columns
 
 text = st.text(st.characters(blacklist_characters="\0", blacklist_categories=["Cs"]), max_size=9)
 header = st.fixed_dictionaries({"header.frame_id": text})
@@ -92,7 +92,7 @@ def reached(message, path):
 @given(data=st.data(), seed=st.integers(0, 2**32 - 1))
 def test_payloads_equal_those_of_rosbags_and_mcap_ros2(typestore, name, data, seed):
     constants = data.draw(CONSTANTS[name])
-    form = layout(name, constants)
+    form = payload_layout(name, constants)
     columns = random_columns(form, 3, np.random.default_rng(seed))
     rows = form.rows(3, columns)
     decode = generate_dynamic(name, schemas.ros2msg(name))[name]
@@ -110,18 +110,18 @@ def test_payloads_equal_those_of_rosbags_and_mcap_ros2(typestore, name, data, se
 
 
 def test_fields_not_named_are_zero(typestore):
-    payload = layout("clt_msgs/msg/Range").rows(1, {"range": [2.5]})[0].tobytes()
+    payload = payload_layout("clt_msgs/msg/Range").rows(1, {"range": [2.5]})[0].tobytes()
     message = typestore.deserialize_cdr(payload, "clt_msgs/msg/Range")
     assert (message.range, message.sigma, message.source) == (2.5, 0.0, 0)
 
 
 def test_no_messages():
-    assert layout("clt_msgs/msg/Range").rows(0, {"range": []}).shape == (0, 52)
+    assert payload_layout("clt_msgs/msg/Range").rows(0, {"range": []}).shape == (0, 52)
 
 
 def test_a_constant_for_no_field_is_refused():
     with pytest.raises(KeyError, match=r"header\.frame"):
-        layout("geometry_msgs/msg/PoseStamped", {"header.frame": "world"})
+        payload_layout("geometry_msgs/msg/PoseStamped", {"header.frame": "world"})
 
 
 @given(st.integers(0, 2**31 * 10**9 - 1))

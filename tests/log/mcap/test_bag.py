@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 from clt.cli.app import app
 from clt.core.errors import LogError
 from clt.log.cdr.schemas import ros2msg
-from clt.log.mcap.bag import bag_of
-from clt.log.mcap.packed import Packed
+from clt.log.mcap.bag import find_bag
+from clt.log.mcap.packed import UnpackedFile
 from clt.log.recording.load import load
 from tests.importers.bags import SECOND
 from tests.log.logs import small_log
@@ -109,7 +109,7 @@ def test_split_recordings(tmp_path, topics, streams, mcap):
     assert len(loaded.recording.odometry["tb2"].stamp) == 10
     lines = "".join(f"{loaded.files[name]}  {name}\n" for name in loaded.files)
     assert loaded.sha256 == hashlib.sha256(lines.encode()).hexdigest()
-    assert [file.name for file in bag_of(folder).files] == list(loaded.files)
+    assert [file.name for file in find_bag(folder).files] == list(loaded.files)
     (folder / "metadata.yaml").unlink()
     same(load(folder, streams).recording, loaded.recording)
 
@@ -140,14 +140,14 @@ def test_faults_name_the_file(tmp_path, topics, streams):
 
 def test_folders_without_one_bag(tmp_path):
     with pytest.raises(LogError, match="without a bag"):
-        bag_of(tmp_path)
+        find_bag(tmp_path)
     for name in ("a.mcap", "b_0.mcap", "b_1.mcap"):
         (tmp_path / name).write_bytes(small_log())
     with pytest.raises(LogError, match=r"several bags \(a.mcap, b_0.mcap, b_1.mcap\)"):
         load(tmp_path)
     (tmp_path / "a.mcap").unlink()
     assert len(load(tmp_path).recording.faults) > 0  # the same again: its stamps repeat
-    assert [file.name for file in bag_of(tmp_path).files] == ["b_0.mcap", "b_1.mcap"]
+    assert [file.name for file in find_bag(tmp_path).files] == ["b_0.mcap", "b_1.mcap"]
 
 
 @pytest.mark.parametrize(
@@ -162,7 +162,7 @@ def test_order_of_metadata(tmp_path, text):
     for name in ("b_0.mcap", "b_1.mcap"):
         (tmp_path / name).write_bytes(small_log())
     (tmp_path / "metadata.yaml").write_text(text)
-    assert [file.name for file in bag_of(tmp_path).files] == ["b_1.mcap", "b_0.mcap"]
+    assert [file.name for file in find_bag(tmp_path).files] == ["b_1.mcap", "b_0.mcap"]
 
 
 @pytest.mark.parametrize(
@@ -204,7 +204,7 @@ def test_packed_files_have_limits(tmp_path):
     """Zeros pack 10,000 times smaller: no log does."""
     packer = zstandard.ZstdCompressor(level=1).compressobj()
     parts = [packer.compress(bytes(1 << 24)) for _ in range(20)]
-    bomb = Packed(BytesIO(b"".join(parts) + packer.flush()), "zstd", "bomb")
+    bomb = UnpackedFile(BytesIO(b"".join(parts) + packer.flush()), "zstd", "bomb")
     with pytest.raises(LogError, match="bomb: unpacks to 200 times its size"):
         bomb.copy(tmp_path / "unpacked")
     damaged = tmp_path / "d.mcap.zstd"

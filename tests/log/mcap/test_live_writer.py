@@ -12,7 +12,7 @@ from mcap.records import Footer, Message
 from mcap.stream_reader import StreamReader
 
 from clt.log.mcap import live_writer as live
-from clt.log.mcap.live_writer import Stream
+from clt.log.mcap.live_writer import LiveWriter
 
 RANGE = "clt_msgs/msg/Range"
 
@@ -62,7 +62,7 @@ def salvaged(data):
 
 def test_a_log_is_complete_at_the_end():
     pipe = Pipe()
-    with Stream(pipe, {"clt.run": {"seed": "1"}}) as stream:
+    with LiveWriter(pipe, {"clt.run": {"seed": "1"}}) as stream:
         fill(stream)
     assert found(pipe.flushed) == [
         (RANGE, f"/R{index % 2 + 1}/uwb/range", 100 + index, 50 + index, bytes([index]) * 52)
@@ -77,7 +77,7 @@ def test_a_log_is_complete_at_the_end():
 
 def test_a_real_pipe():
     reading, writing = os.pipe()
-    with os.fdopen(writing, "wb") as file, Stream(file, {}) as stream:
+    with os.fdopen(writing, "wb") as file, LiveWriter(file, {}) as stream:
         fill(stream)
     with os.fdopen(reading, "rb") as file:
         assert len(found(file.read())) == 3
@@ -85,7 +85,7 @@ def test_a_real_pipe():
 
 def test_ctrl_c_completes_the_log():
     pipe = Pipe()
-    with pytest.raises(KeyboardInterrupt), Stream(pipe, {}) as stream:  # noqa: PT012
+    with pytest.raises(KeyboardInterrupt), LiveWriter(pipe, {}) as stream:  # noqa: PT012
         fill(stream)
         raise KeyboardInterrupt
     assert len(found(pipe.flushed)) == 3
@@ -93,7 +93,7 @@ def test_ctrl_c_completes_the_log():
 
 def test_a_failure_leaves_all_messages_but_no_summary():
     pipe = Pipe()
-    with pytest.raises(ValueError, match="no"), Stream(pipe, {}) as stream:  # noqa: PT012
+    with pytest.raises(ValueError, match="no"), LiveWriter(pipe, {}) as stream:  # noqa: PT012
         fill(stream)
         raise ValueError("no")
     records = salvaged(pipe.flushed)
@@ -105,7 +105,7 @@ def test_messages_reach_the_file_within_a_second(monkeypatch):
     now = [0.0]
     monkeypatch.setattr(live.time, "monotonic", lambda: now[0])
     pipe = Pipe()
-    with Stream(pipe, {}) as stream:
+    with LiveWriter(pipe, {}) as stream:
         channel = stream.channel("/R1/uwb/range", RANGE)
         stream.write(channel, 1, 1, b"a" * 52)
         assert b"/R1/uwb/range" not in pipe.flushed

@@ -19,9 +19,9 @@ from mcap.reader import make_reader
 from mcap.writer import IndexType, Writer
 
 from clt.core.errors import LogError
-from clt.log.mcap.records import MAGIC, Document, Header, Metadata
-from clt.log.mcap.scan import Channel, Scan
-from clt.log.mcap.table import Messages, heads
+from clt.log.mcap.records import MCAP_MAGIC, AttachmentRecord, Header, Metadata
+from clt.log.mcap.scan import Channel, McapScan
+from clt.log.mcap.table import Messages, message_heads
 from tests.log.logs import LZ4, NONE, ZSTD, range_message, small_log, write_log
 
 COMPRESSIONS = [NONE, LZ4, ZSTD]
@@ -39,13 +39,13 @@ class Dribble(BytesIO):
 
 def scan(data, stream=BytesIO):
     """All messages as (topic, log time, publish time, sequence, payload), and the scan."""
-    one = Scan(stream(data), "x.mcap")
+    one = McapScan(stream(data), "x.mcap")
     topics, rows, others = {}, [], []
     for event in one:
         if isinstance(event, Channel):
             topics[event.number] = event.topic
         elif isinstance(event, Messages):
-            head = heads(event)
+            head = message_heads(event)
             rows += [
                 (
                     topics[event.channel[k]],
@@ -92,8 +92,8 @@ def chunk(inside, *, packed=None, compression="", crc=None, size=None, claim=Non
     return record(6, head + packed)
 
 
-HEAD = MAGIC + record(1, text("ros2") + text("tests"))
-END = record(15, bytes(4)) + record(2, bytes(20)) + MAGIC
+HEAD = MCAP_MAGIC + record(1, text("ros2") + text("tests"))
+END = record(15, bytes(4)) + record(2, bytes(20)) + MCAP_MAGIC
 GOOD = chunk(channel(1, "/good") + message(1, b"kept"))
 
 
@@ -158,7 +158,7 @@ def test_reads_what_the_official_writer_wrote(log, stream):
     assert rows == [(f"/t{topic}", *rest) for topic, *rest in log[2]]
     assert faults == ()
     assert one.sha256() == hashlib.sha256(data).hexdigest()
-    assert [type(other) for other in others] == [Header, Metadata, Document]
+    assert [type(other) for other in others] == [Header, Metadata, AttachmentRecord]
     assert others[2].attachment.data == b"document"
     assert (others[2].create_time, others[2].log_time) == (1, 2)
 
@@ -430,14 +430,14 @@ def test_reading_from_a_pipe_in_bounded_memory():
     os.write(writer, HEAD + GOOD + struct.pack("<BQ", 6, 2**40) + bytes(1000))
     os.close(writer)
     with os.fdopen(reader, "rb", buffering=0) as stream:
-        one = Scan(stream, "pipe")
+        one = McapScan(stream, "pipe")
         assert sum(len(e.channel) for e in one if isinstance(e, Messages)) == 1
     assert kinds(one.faults.all()) == {"truncated"}
 
 
 def test_no_python_object_per_message():
     """The table is numpy throughout."""
-    one = Scan(BytesIO(small_log()), "x")
+    one = McapScan(BytesIO(small_log()), "x")
     tables = [event for event in one if isinstance(event, Messages)]
     for table in tables:
         for name in ("channel", "log_time", "offset", "length"):

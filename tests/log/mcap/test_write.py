@@ -23,7 +23,7 @@ from clt.core.errors import LogError
 from clt.core.recording import Attachment
 from clt.log.cdr.schemas import ros2msg
 from clt.log.mcap import plan
-from clt.log.mcap.plan import Channel, channel_of_bytes
+from clt.log.mcap.plan import OutputChannel, channel_of_payloads
 from clt.log.mcap.write import write_log
 
 SCHEMAS = ["clt_msgs/msg/Range", "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"]
@@ -47,7 +47,7 @@ class Pipe(io.RawIOBase):
 
 def rows_channel(topic, schema, log_time, publish_time, rows):
     size = np.full(len(rows), rows.shape[1])
-    return Channel(topic, schema, log_time, publish_time, size, lambda select: rows[select])
+    return OutputChannel(topic, schema, log_time, publish_time, size, lambda select: rows[select])
 
 
 @st.composite
@@ -66,7 +66,7 @@ def channels(draw):
             made.append(rows_channel(topic, schema, times, times[::-1].copy(), rows))
         else:
             payloads = [rng.bytes(size) for size in rng.integers(0, 200, n)]
-            made.append(channel_of_bytes(topic, schema, times, payloads))
+            made.append(channel_of_payloads(topic, schema, times, payloads))
     return made
 
 
@@ -126,8 +126,8 @@ def read(data, seeking, in_order):
 @pytest.fixture(params=[64, 3000, 1 << 20])
 def chunked(request, monkeypatch):
     """Chunks of one message, of several, of all; three chunks to a batch."""
-    monkeypatch.setattr(plan, "CHUNK", request.param)
-    monkeypatch.setattr(plan, "BATCH", 3 * request.param)
+    monkeypatch.setattr(plan, "CHUNK_BYTES", request.param)
+    monkeypatch.setattr(plan, "ENCODE_BATCH_BYTES", 3 * request.param)
 
 
 @pytest.mark.usefixtures("chunked")
@@ -215,7 +215,7 @@ def some():
     texts = [bytes([i % 256]) * (i % 7) for i in range(5000)]
     return [
         rows_channel("/a", SCHEMAS[0], times, times, rows),
-        channel_of_bytes("/b", SCHEMAS[2], times, texts),
+        channel_of_payloads("/b", SCHEMAS[2], times, texts),
     ]
 
 
@@ -261,6 +261,6 @@ def test_the_summary_has_a_crc():
 
 
 def test_times_before_zero_are_refused():
-    channel = channel_of_bytes("/a", SCHEMAS[0], np.array([-1]), [b"x"])
+    channel = channel_of_payloads("/a", SCHEMAS[0], np.array([-1]), [b"x"])
     with pytest.raises(LogError, match="log time -1 ns"):
         written([channel])

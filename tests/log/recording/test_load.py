@@ -18,7 +18,7 @@ from clt.core.recording import Robot, Team
 from clt.log.cdr import batch_decoder
 from clt.log.cdr.schemas import ros2msg
 from clt.log.recording.load import load
-from clt.log.recording.metadata import RUN, TEAM, encode_team
+from clt.log.recording.metadata import RUN_RECORD, TEAM_RECORD, encode_team
 from tests.log.logs import (
     Cdr,
     odometry_message,
@@ -57,7 +57,7 @@ def loaded(put):
     """Load topics, by default with the metadata of a team of three."""
 
     def make(topics, team=TEAM_OF_THREE, **more):
-        metadata = [] if team is None else [(TEAM, encode_team(team))]
+        metadata = [] if team is None else [(TEAM_RECORD, encode_team(team))]
         return load(put(write_log(topics, metadata, **more))).recording
 
     return make
@@ -136,7 +136,10 @@ def test_innovations_and_run(loaded, put):
         for t, end, ok in [(1, 7, 1), (2, 2, 0), (3, 99, 1)]
     ]
     topics = {"/clt/innovation": ("innovation", [(t, cdr.done()) for t, cdr in rows])}
-    metadata = [(TEAM, encode_team(TEAM_OF_THREE)), (RUN, {"command": "clt localize"})]
+    metadata = [
+        (TEAM_RECORD, encode_team(TEAM_OF_THREE)),
+        (RUN_RECORD, {"command": "clt localize"}),
+    ]
     recording = load(put(write_log(topics, metadata))).recording
     assert recording.innovations.accepted.tolist() == [True, False]
     assert recording.innovations.target.tolist() == [2, 1]
@@ -184,11 +187,13 @@ def test_rows_that_are_no_numbers_are_dropped(loaded):
 def test_counting_takes_fewer_fields_and_finds_the_same(put, monkeypatch):
     rows = ranges((1, 1, 2, 3.0), (1, 1, 2, 3.5), (2, 1, 7, NAN), (4, 1, 99, 1.0), (3, 1, 7, 5.0))
     topics = {"/R1/uwb/range": rows, "/R2/uwb/range": ranges((1, 2, 1, 3.0))}
-    path = put(write_log(topics, [(TEAM, encode_team(TEAM_OF_THREE))]))
+    path = put(write_log(topics, [(TEAM_RECORD, encode_team(TEAM_OF_THREE))]))
     full = load(path).recording
     asked = []
-    decode = batch_decoder.decode
-    monkeypatch.setattr(batch_decoder, "decode", lambda *a: asked.extend(a[2]) or decode(*a))
+    decode = batch_decoder.decode_columns
+    monkeypatch.setattr(
+        batch_decoder, "decode_columns", lambda *a: asked.extend(a[2]) or decode(*a)
+    )
     brief = load(path, brief=True).recording
     assert set(asked) == {"stamp.sec", "stamp.nanosec", "source", "target", "range"}
     assert brief.faults == full.faults
@@ -500,7 +505,7 @@ def foreign_ranges(rows, sec="int32", **kinds):
             if name == "stamp.sec":
                 cdr.put("I", 0)
         writer.add_message(channel, SECOND + number, cdr.done(), SECOND)
-    writer.add_metadata(TEAM, encode_team(TEAM_OF_THREE))
+    writer.add_metadata(TEAM_RECORD, encode_team(TEAM_OF_THREE))
     writer.finish()
     return stream.getvalue()
 
@@ -535,7 +540,7 @@ def test_ids_beyond_all_robots_are_strangers(put, kind, stranger):
 def test_ids_beyond_all_robots_make_no_team(put):
     rows = [{"source": 70_000}, {"target": 70_000}, {}]
     data = foreign_ranges(rows, source="uint32", target="uint32")
-    recording = load(put(data.replace(TEAM.encode(), b"clt.else"))).recording
+    recording = load(put(data.replace(TEAM_RECORD.encode(), b"clt.else"))).recording
     assert [(robot.name, robot.id) for robot in recording.team.robots] == [("R1", 1), ("node2", 2)]
     assert recording.ranges.stamp.tolist() == [3 * SECOND]
     assert found(recording) == {"unknown": (2, True)}
@@ -608,7 +613,10 @@ def other_encoding(profile, encoding, schema, topic="/R1/odom"):
         (other_encoding("ros1", "ros1", "ros1msg"), "profile `ros1`"),
         (other_encoding("ros2", "cdr", "ros2idl"), "ros2idl"),
         (other_encoding("ros2", "cdr", "ros2msg"), "`{}` is not a field"),
-        (write_log({"/R1/odom": odometry((1, 1.0, 0.0))}, [(TEAM, {"robots": "1"})]), "clt.team"),
+        (
+            write_log({"/R1/odom": odometry((1, 1.0, 0.0))}, [(TEAM_RECORD, {"robots": "1"})]),
+            "clt.team",
+        ),
     ],
 )
 def test_logs_that_cannot_be_used(put, data, told):
@@ -699,12 +707,12 @@ def test_a_log_of_rosbags(tmp_path):
 
 def test_joined_logs_are_one_recording(put):
     first = write_log(
-        {"/R1/uwb/range": ranges((1, 1, 2, 3.0))}, [(TEAM, encode_team(TEAM_OF_THREE))]
+        {"/R1/uwb/range": ranges((1, 1, 2, 3.0))}, [(TEAM_RECORD, encode_team(TEAM_OF_THREE))]
     )
     other = replace(TEAM_OF_THREE, range_sigma=0.5)
     second = write_log(
         {"/R2/odom": odometry((1, 0.5, 0.1)), "/R1/uwb/range": ranges((5, 1, 2, 4.0))},
-        [(TEAM, encode_team(other))],
+        [(TEAM_RECORD, encode_team(other))],
     )
     recording = load(put(first + second)).recording
     assert recording.ranges.range.tolist() == [3.0, 4.0]

@@ -10,7 +10,7 @@ import pytest
 from clt.core.errors import LogError
 from clt.core.recording import Robot, Team
 from clt.log.recording.load import load
-from clt.log.recording.metadata import TEAM, encode_team
+from clt.log.recording.metadata import TEAM_RECORD, encode_team
 from clt.log.recording.save import save
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
@@ -36,7 +36,7 @@ def packet(stamp, source, heard=(), *, ticks=5, odometry=(1, 7, 0.5, 0.1), seque
 def loaded(tmp_path, *payloads, team=THREE, robot="R1", kind=TYPE):
     """The recording of a log whose one topic holds the payloads, a second apart."""
     rows = [(index * SECOND, payload) for index, payload in enumerate(payloads, 1)]
-    metadata = [] if team is None else [(TEAM, encode_team(team))]
+    metadata = [] if team is None else [(TEAM_RECORD, encode_team(team))]
     path = tmp_path / "log.mcap"
     path.write_bytes(write_log({f"/{robot}/uwb/frame": (kind, rows)}, metadata))
     return load(path).recording

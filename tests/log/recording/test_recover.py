@@ -14,14 +14,14 @@ from mcap.writer import Writer
 from clt.core.errors import CltError
 from clt.core.recording import Attachment, Poses, Ranges, Robot, Team
 from clt.log import output as target
-from clt.log.mcap.definitions import definitions
-from clt.log.mcap.scan import Channel, Scan
+from clt.log.mcap.definitions import summary_definitions
+from clt.log.mcap.scan import Channel, McapScan
 from clt.log.mcap.table import Messages
 from clt.log.mcap.write import write_log as write
 from clt.log.recording.channels import range_channel, truth_channel
 from clt.log.recording.load import load
 from clt.log.recording.metadata import encode_team
-from clt.log.recording.recover import recover
+from clt.log.recording.recover import salvage_log
 from tests.log.logs import NONE, ZSTD, range_message, write_log
 
 FLIPS = 150
@@ -40,7 +40,7 @@ def ours():
     poses = Poses("world", stamp, stamp, value, value, value)
     file = BytesIO()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("clt.log.mcap.plan.CHUNK", 1 << 12)
+        patch.setattr("clt.log.mcap.plan.CHUNK_BYTES", 1 << 12)
         write(
             file,
             [range_channel(team, 0, ranges), truth_channel("R1", poses)],
@@ -118,7 +118,7 @@ def salvaged(tmp_path, data):
     path = tmp_path / "in.mcap"
     path.write_bytes(data)
     out = BytesIO()
-    saved = recover(path, out)
+    saved = salvage_log(path, out)
     return out.getvalue(), saved
 
 
@@ -137,7 +137,7 @@ def test_a_flipped_bit_costs_at_most_its_chunk(tmp_path, name):
         flipped = bytearray(data)
         flipped[at] ^= 1 << bit
         file = BytesIO(flipped)
-        scan = Scan(file, "x.mcap", definitions(file))
+        scan = McapScan(file, "x.mcap", summary_definitions(file))
         kept = rows(scan)
         assert (whole - kept).total() <= allowed, (at, bit)
         if kept.total() < whole.total():
@@ -183,12 +183,12 @@ def test_garbage_between_records_is_passed_over(tmp_path):
 
 def test_a_target_that_appears_meanwhile_is_not_overwritten(tmp_path):
     path = tmp_path / "out.mcap"
-    with pytest.raises(CltError, match="--force"), target.output(path) as file:  # noqa: PT012
+    with pytest.raises(CltError, match="--force"), target.open_output(path) as file:  # noqa: PT012
         file.write(b"mine")
         path.write_bytes(b"somebody else's")
     assert path.read_bytes() == b"somebody else's"
     assert list(tmp_path.iterdir()) == [path]
-    with target.output(path, force=True) as file:
+    with target.open_output(path, force=True) as file:
         file.write(b"mine")
     assert path.read_bytes() == b"mine"
 
@@ -199,11 +199,11 @@ def test_a_target_on_a_file_system_without_links(tmp_path, monkeypatch):
 
     monkeypatch.setattr("os.link", refuse)
     path = tmp_path / "out.mcap"
-    with target.output(path) as file:
+    with target.open_output(path) as file:
         file.write(b"mine")
     assert path.read_bytes() == b"mine"
     other = tmp_path / "b"
-    with pytest.raises(CltError, match="--force"), target.output(other) as file:  # noqa: PT012
+    with pytest.raises(CltError, match="--force"), target.open_output(other) as file:  # noqa: PT012
         file.write(b"mine")
         other.write_bytes(b"other")
     assert other.read_bytes() == b"other"

@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from clt.core.errors import LogError
-from clt.core.geometry import heading_of_quaternion, wrap
+from clt.core.geometry import heading_of_quaternion, wrap_angle
 from clt.core.recording import (
     Attachment,
     Innovations,
@@ -27,7 +27,7 @@ from clt.core.recording import (
     Robot,
     Team,
 )
-from clt.log.recording.channels import reckon
+from clt.log.recording.channels import integrate_odometry
 from clt.log.recording.metadata import decode_team
 from clt.log.recording.save import save
 
@@ -45,7 +45,7 @@ def poses(rng, n, shift, covariance=False, frame="world"):
         stamp + shift,
         3 * np.cos(s) + rng.normal(0.0, 0.1, n),
         3 * np.sin(s),
-        wrap(s + np.pi / 2),
+        wrap_angle(s + np.pi / 2),
         root @ root.transpose(0, 2, 1) if covariance else None,
     )
 
@@ -177,10 +177,10 @@ def test_odometry(recording, topics, name):
     np.testing.assert_array_equal(np.sqrt(covariance[:, 5, 5]), odometry.sigma_omega)
     assert np.count_nonzero(covariance) == 200 + 191
     turned = heading(messages, "pose.pose")
-    x, y, expected = reckon(odometry, mean=name == "Robot_3")
+    x, y, expected = integrate_odometry(odometry, mean=name == "Robot_3")
     np.testing.assert_array_equal(column(messages, "pose.pose.position.x"), x)
     np.testing.assert_array_equal(column(messages, "pose.pose.position.y"), y)
-    np.testing.assert_allclose(wrap(turned - expected), 0.0, atol=1e-12)
+    np.testing.assert_allclose(wrap_angle(turned - expected), 0.0, atol=1e-12)
 
 
 def test_ranges(recording, topics):
@@ -211,7 +211,7 @@ def test_poses(recording, topics, kind):
         assert set(column(messages, "header.frame_id")) == {"world"}
         np.testing.assert_array_equal(column(messages, f"{pose}.position.x"), track.x)
         np.testing.assert_array_equal(column(messages, f"{pose}.position.y"), track.y)
-        error = wrap(heading(messages, pose) - track.heading)
+        error = wrap_angle(heading(messages, pose) - track.heading)
         np.testing.assert_allclose(error, 0.0, atol=1e-12)
         if kind != "truth":
             full = column(messages, "pose.covariance").reshape(-1, 6, 6)
@@ -298,7 +298,7 @@ def test_dead_reckoning_of_a_constant_twist_is_an_arc(v, omega, mean):
     t = (stamp - stamp[0]) * 1e-9
     full = np.full(100, np.nan)
     odometry = Odometry(stamp, stamp, np.full(100, v), np.full(100, omega), full, full)
-    x, y, heading = reckon(odometry, mean)
+    x, y, heading = integrate_odometry(odometry, mean)
     radius = v / omega if omega != 0.0 else 0.0
     arc_x = radius * np.sin(omega * t) if omega != 0.0 else v * t
     np.testing.assert_allclose(x, arc_x, atol=1e-12)
@@ -310,16 +310,16 @@ def test_mean_and_instant_twists_differ_by_half_a_step():
     stamp, v = START + 10**9 * np.arange(3), np.array([5.0, 1.0, 3.0])
     zero = np.zeros(3)
     odometry = Odometry(stamp, stamp, v, zero, zero, zero)
-    assert reckon(odometry, mean=True)[0].tolist() == [0.0, 1.0, 4.0]
-    assert reckon(odometry, mean=False)[0].tolist() == [0.0, 3.0, 5.0]
+    assert integrate_odometry(odometry, mean=True)[0].tolist() == [0.0, 1.0, 4.0]
+    assert integrate_odometry(odometry, mean=False)[0].tolist() == [0.0, 3.0, 5.0]
 
 
 @pytest.mark.parametrize("n", [0, 1])
 def test_dead_reckoning_of_hardly_anything(n):
     empty = np.zeros(n)
     odometry = Odometry(np.full(n, START), np.full(n, START), empty, empty, empty, empty)
-    assert all(values.tolist() == [0.0] * n for values in reckon(odometry, mean=True))
-    assert all(values.tolist() == [0.0] * n for values in reckon(odometry, mean=False))
+    assert all(values.tolist() == [0.0] * n for values in integrate_odometry(odometry, mean=True))
+    assert all(values.tolist() == [0.0] * n for values in integrate_odometry(odometry, mean=False))
 
 
 @pytest.mark.skipif(EVO is None, reason="evo_ape is not installed")

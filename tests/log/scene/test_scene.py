@@ -92,11 +92,11 @@ def test_a_gap_of_years_is_not_filled_with_scenes(synthetic, shown):
     moved = replace(track, stamp=late, log_time=late)
     _, scenes = shown(replace(recording, estimate={"R1": moved}))
     times = np.array([time for time, _ in scenes])
-    regular = (times - track.stamp[0]) / scene.SCENE_STEP
+    regular = (times - track.stamp[0]) / scene.SCENE_STEP_NS
     assert times[0] == track.stamp[0]
     assert regular.tolist() == pytest.approx([*range(len(times) - 1), regular[-1]])
     assert 10 <= len(times) <= 15
-    assert 0 <= late[-1] - times[-1] < scene.SCENE_STEP
+    assert 0 <= late[-1] - times[-1] < scene.SCENE_STEP_NS
 
 
 def test_every_scene_replaces_the_last(synthetic, shown):
@@ -162,7 +162,7 @@ def test_links_tell_what_the_filter_made_of_each_pair(synthetic, shown):
             track = recording.estimate.get(robot.name)
             place = robot.position if track is None else (track.x[at], track.y[at])
             assert (point.x, point.y) == pytest.approx(place)
-        expected = scene.ACCEPTED if table.accepted[row] else scene.REJECTED
+        expected = scene.ACCEPTED_RGB if table.accepted[row] else scene.REJECTED_RGB
         assert (color.r, color.g, color.b, color.a) == pytest.approx((*expected, 0.8), abs=1e-6)
 
 

@@ -12,16 +12,22 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 from clt.observability.exact.analysis import analyse
-from clt.observability.exact.codistribution import Motion, rows
+from clt.observability.exact.codistribution import Motion, lie_derivatives
 from clt.observability.exact.directions import as_residues
-from clt.observability.exact.matrix import matrix, value
-from clt.observability.exact.rank import PRIME, echelon, null_space, product, residue
-from clt.observability.exact.setup import Setup, every_pair, indices, team
-from clt.observability.exact.states import Place, random_state
+from clt.observability.exact.matrix import evaluate_as_float, observability_matrix
+from clt.observability.exact.rank import (
+    PRIME,
+    column_echelon,
+    multiply_modulo_prime,
+    null_space,
+    residue,
+)
+from clt.observability.exact.setup import Setup, every_pair, setup_indices, setup_robots
+from clt.observability.exact.states import ExactPose, random_state
 
 
 def setup(moving, static=0, known=0, *, parallel=(), in_line=(), ego=None, **motion):
-    nodes = team(moving, static, known)
+    nodes = setup_robots(moving, static, known)
     motions = {}
     for kind in ("straight", "steady", "rest"):
         motions |= dict.fromkeys(motion.pop(kind, ()), Motion(kind))
@@ -30,8 +36,8 @@ def setup(moving, static=0, known=0, *, parallel=(), in_line=(), ego=None, **mot
     return Setup(
         nodes,
         every_pair(len(nodes)),
-        indices(nodes, parallel),
-        indices(nodes, in_line),
+        setup_indices(nodes, parallel),
+        setup_indices(nodes, in_line),
         ego,
     )
 
@@ -95,7 +101,7 @@ def test_vectors_are_null_vectors_of_the_floating_point_matrix():
         setup(3, 1, 0, straight=("R1",), in_line=("R2", "S1")),
     ):
         found = analyse(case)
-        A = matrix(case, found.state)
+        A = observability_matrix(case, found.state)
         columns = [".".join(column) for column in case.columns]
         vectors = np.array(
             [[d.components.get(name, 0.0) for name in columns] for d in found.unobservable]
@@ -161,14 +167,14 @@ def test_two_straight_drives_have_discrete_solutions(motion, solutions):
 
 def solved(case, state):
     """All poses of R2 in R1's frame where every function is what it is at a state."""
-    functions = [row.function for row in rows(case.kind((0, 1)))]
+    functions = [row.function for row in lie_derivatives(case.kind((0, 1)))]
     true = state[1]
     speeds = [float(state[0].v), float(true.v)]
 
     def values(pose):
         x, y, theta = pose
         numbers = np.array([0, 0, 1, 0, x, y, np.cos(theta), np.sin(theta), *speeds])
-        return np.array([value(one, numbers) for one in functions])
+        return np.array([evaluate_as_float(one, numbers) for one in functions])
 
     wanted = values([float(true.x), float(true.y), true.heading])
     rng = np.random.default_rng(1)
@@ -227,7 +233,7 @@ def test_what_ranges_tell_to_second_order_is_told_apart(case, bent):
     hidden = [one.hidden for one in found.unobservable]
     assert hidden == sorted(hidden, reverse=True)
     columns = [".".join(column) for column in case.columns]
-    A = matrix(case, found.state)
+    A = observability_matrix(case, found.state)
     for one in found.unobservable:
         v = np.array([one.components.get(name, 0.0) for name in columns])
         v /= np.linalg.norm(v)
@@ -254,12 +260,14 @@ def functions_at(case, state, change):
             poses += [np.cos(theta), np.sin(theta)]
             speeds.append(float(place.v))
         numbers = np.array([*poses, *speeds])
-        values += [value(row.function, numbers) for row in rows(case.kind(pair))]
+        values += [
+            evaluate_as_float(row.function, numbers) for row in lie_derivatives(case.kind(pair))
+        ]
     return np.array(values)
 
 
 def test_robots_that_no_range_ties_together_float_apart():
-    nodes = team(4, 0)
+    nodes = setup_robots(4, 0)
     found = analyse(Setup(nodes, ((0, 1), (2, 3))))
     assert found.nullity == 6
     assert "translation in x of R3 and R4" in names(found)
@@ -267,7 +275,7 @@ def test_robots_that_no_range_ties_together_float_apart():
 
 
 def test_without_ranges_nothing_is_seen():
-    found = analyse(Setup(team(1, 1, 1), ()))
+    found = analyse(Setup(setup_robots(1, 1, 1), ()))
     assert (found.rank, found.nullity, found.order) == (0, 3, 0)
 
 
@@ -307,7 +315,7 @@ def test_rank_and_directions_survive_moving_the_whole_team(drawn):
     }
     case = setup(moving, static, min(known, static), **chosen)
     state = random_state(case, data.draw(st.integers(0, 1000)))
-    turn = Place(
+    turn = ExactPose(
         Fraction(data.draw(st.integers(-9000, 9000))),
         Fraction(data.draw(st.integers(-9000, 9000))),
         Fraction(3, 5),
@@ -327,12 +335,12 @@ def test_rank_and_directions_survive_moving_the_whole_team(drawn):
             if not node.static:
                 carried[first + 2] = before[first + 2]
     if after.shape[1] > 0:
-        reduced, pivots = echelon(after)
-        assert np.array_equal(product(reduced, carried[pivots]), carried)
+        reduced, pivots = column_echelon(after)
+        assert np.array_equal(multiply_modulo_prime(reduced, carried[pivots]), carried)
 
 
 def transformed(place, by):
-    return Place(
+    return ExactPose(
         by.x + by.c * place.x - by.s * place.y,
         by.y + by.s * place.x + by.c * place.y,
         by.c * place.c - by.s * place.s,

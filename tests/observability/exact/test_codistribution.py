@@ -5,9 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clt.observability.exact.codistribution import Motion, PairKind, rows
-from clt.observability.exact.matrix import value
-from clt.observability.exact.polynomial import add, lie, multiply, reduce, turning, variable
+from clt.observability.exact.codistribution import Motion, PairKind, lie_derivatives
+from clt.observability.exact.matrix import evaluate_as_float
+from clt.observability.exact.polynomial import (
+    add_polynomials,
+    lie_derivative,
+    multiply_polynomials,
+    reduce_by_basis,
+    turn_field,
+    variable,
+)
 
 FREE, STRAIGHT, STEADY, REST = Motion.FREE, Motion.STRAIGHT, Motion.STEADY, Motion.REST
 
@@ -22,7 +29,12 @@ def numbers(seed):
 
 
 def gradients(kind, variables):
-    return np.array([[value(entry, variables) for entry in row.gradient] for row in rows(kind)])
+    return np.array(
+        [
+            [evaluate_as_float(entry, variables) for entry in row.gradient]
+            for row in lie_derivatives(kind)
+        ]
+    )
 
 
 def shi_two(pose):
@@ -50,7 +62,7 @@ def shi_two(pose):
 def test_two_moving_robots_give_the_matrix_that_shi_prints(seed):
     pose, variables = numbers(seed)
     assert gradients(PairKind(FREE, FREE), variables) == pytest.approx(shi_two(pose), abs=1e-12)
-    assert [row.order for row in rows(PairKind(FREE, FREE))] == [0, 1, 1, 2, 2, 2, 3]
+    assert [row.order for row in lie_derivatives(PairKind(FREE, FREE))] == [0, 1, 1, 2, 2, 2, 3]
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -88,14 +100,22 @@ def test_the_ego_frame_gives_arakis_codistribution(seed):
     # ... and the ego's turn adds [0, -1, 0].
     assert np.min(np.abs(found - [0.0, -1.0, 0.0]).sum(axis=1)) == pytest.approx(0.0, abs=1e-12)
     # There are no more functions of a relative pose than of both poses in the world.
-    assert [row.order for row in rows(PairKind(FREE, FREE, ego=True))] == [0, 1, 1, 2, 2, 2, 3]
+    assert [row.order for row in lie_derivatives(PairKind(FREE, FREE, ego=True))] == [
+        0,
+        1,
+        1,
+        2,
+        2,
+        2,
+        3,
+    ]
 
 
 @pytest.mark.parametrize("kind", [PairKind(FREE, FREE), PairKind(FREE, FREE, ego=True)])
 def test_gradients_are_those_of_the_functions(kind):
     _, variables = numbers(7)
     step = 1e-6
-    for row in rows(kind):
+    for row in lie_derivatives(kind):
         for k, entry in enumerate(row.gradient):
             ends = []
             for sign in (1.0, -1.0):
@@ -106,19 +126,19 @@ def test_gradients_are_those_of_the_functions(kind):
                 else:
                     angle = np.arctan2(moved[base + 3], moved[base + 2]) + sign * step
                     moved[base + 2], moved[base + 3] = np.cos(angle), np.sin(angle)
-                ends.append(value(row.function, moved))
-            assert value(entry, variables) == pytest.approx(
+                ends.append(evaluate_as_float(row.function, moved))
+            assert evaluate_as_float(entry, variables) == pytest.approx(
                 (ends[0] - ends[1]) / (2 * step), abs=1e-7
             )
 
 
 def test_without_inputs_only_the_range_itself_is_seen():
-    assert len(rows(PairKind(REST, REST))) == 1
+    assert len(lie_derivatives(PairKind(REST, REST))) == 1
 
 
 def test_tied_robots_have_fewer_functions_than_free_ones():
-    assert len(rows(PairKind(STRAIGHT, STRAIGHT, tied=True))) == 3
-    assert len(rows(PairKind(STRAIGHT, STRAIGHT))) == 4
+    assert len(lie_derivatives(PairKind(STRAIGHT, STRAIGHT, tied=True))) == 3
+    assert len(lie_derivatives(PairKind(STRAIGHT, STRAIGHT))) == 4
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -128,16 +148,18 @@ def test_constant_speeds_show_the_course_relative_to_each_other(seed):
     v, w = variables[8:]
     d = np.array([xj - xi, yj - yi])
     u = w * np.array([np.cos(tj), np.sin(tj)]) - v * np.array([np.cos(ti), np.sin(ti)])
-    found = rows(PairKind(STEADY, STEADY))
-    values = [value(row.function, variables) for row in found]
+    found = lie_derivatives(PairKind(STEADY, STEADY))
+    values = [evaluate_as_float(row.function, variables) for row in found]
     assert values == pytest.approx([d @ d / 2, d @ u, u @ u])
     assert [row.order for row in found] == [0, 1, 2]
 
 
 def test_polynomials_know_that_cosine_and_sine_are_one():
     c, s = variable(2), variable(3)
-    one = add(multiply(c, c), multiply(s, s))
+    one = add_polynomials(multiply_polynomials(c, c), multiply_polynomials(s, s))
     assert one == {(0,) * 10: 1}
-    assert lie(one, turning(0)) == {}
-    assert lie(lie(s, turning(0)), turning(0)) == add({}, s, -1)
-    assert reduce(add(c, s), [s, c]) == {}
+    assert lie_derivative(one, turn_field(0)) == {}
+    assert lie_derivative(lie_derivative(s, turn_field(0)), turn_field(0)) == add_polynomials(
+        {}, s, -1
+    )
+    assert reduce_by_basis(add_polynomials(c, s), [s, c]) == {}

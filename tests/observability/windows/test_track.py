@@ -9,12 +9,12 @@ import pytest
 
 from clt.estimation.pipeline import estimate
 from clt.initialization.given.truth import from_truth
-from clt.model.settings import FilterSettings, Noise
+from clt.model.settings import FilterSettings, NoiseSettings
 from clt.observability.advice import motion_of
 from clt.observability.exact.codistribution import Motion
-from clt.observability.windows.reference import reference_of
-from clt.observability.windows.track import track, twist_of
-from clt.observability.windows.windows import STEP, look
+from clt.observability.windows.reference import build_reference
+from clt.observability.windows.track import odometry_from_poses, resting_track
+from clt.observability.windows.windows import NOISE_STEP_S, evaluate_windows
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
 
@@ -39,7 +39,9 @@ def stands_then_drives(first=8.0, **keys):
 
 
 def headings(recording, window=4.0):
-    found = look(reference_of(recording, Noise(), STEP), window, framed=False)
+    found = evaluate_windows(
+        build_reference(recording, NoiseSettings(), NOISE_STEP_S), window, framed=False
+    )
     return found, found.robots["R3"].sigma_heading
 
 
@@ -77,7 +79,7 @@ def test_a_result_log_tells_by_its_dead_reckoning_that_a_robot_stood():
 def test_between_rests_a_track_is_the_trajectory():
     recording = stands_then_drives()
     robot, poses = recording.team.robots[2], recording.truth["R3"]
-    found = track(recording, robot, poses, Noise())
+    found = resting_track(recording, robot, poses, NoiseSettings())
     assert found.begin.size == 1
     begin = int(poses.stamp[0])
     assert (found.begin[0], found.end[0]) == pytest.approx((begin, begin + 8 * SECOND), abs=SECOND)
@@ -96,9 +98,9 @@ def test_the_twist_of_a_trajectory_is_that_of_its_odometry():
            "sensors.truth.rate": 20.0, "sensors.odometry.sigma_v": 0.0,
            "sensors.odometry.sigma_omega": 0.0}
     )  # fmt: skip
-    found, odometry = twist_of(recording.truth["R3"]), recording.odometry["R3"]
+    found, odometry = odometry_from_poses(recording.truth["R3"]), recording.odometry["R3"]
     rows = np.searchsorted(odometry.stamp, found.stamp)
     assert found.v == pytest.approx(odometry.v[rows], abs=1e-3)
     assert found.omega == pytest.approx(odometry.omega[rows], abs=1e-3)
     backwards = replace(recording.truth["R3"], heading=recording.truth["R3"].heading + np.pi)
-    assert twist_of(backwards).v == pytest.approx(-found.v, abs=1e-9)
+    assert odometry_from_poses(backwards).v == pytest.approx(-found.v, abs=1e-9)

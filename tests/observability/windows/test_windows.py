@@ -10,17 +10,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clt.core.errors import CltError, UsageError
-from clt.core.geometry import wrap
+from clt.core.geometry import wrap_angle
 from clt.core.recording import no_ranges
 from clt.estimation import estimators
 from clt.initialization.given.truth import from_truth
-from clt.model.settings import FilterSettings, Noise
+from clt.model.settings import FilterSettings, NoiseSettings
 from clt.observability.advice import setup_of
-from clt.observability.windows.gramian import columns_of, windows
-from clt.observability.windows.reference import reference_of
-from clt.observability.windows.windows import STEP, as_list, look, sliding
+from clt.observability.windows.gramian import state_columns, window_information
+from clt.observability.windows.reference import build_reference
+from clt.observability.windows.windows import (
+    NOISE_STEP_S,
+    evaluate_windows,
+    sliding_windows,
+    windows_as_list,
+)
 from clt.sim.scenario import load_scenario
-from clt.sim.simulate import exact, simulate
+from clt.sim.simulate import simulate, simulate_exact
 
 LINE = {"kind": "segments", "segments": [{"duration": 60.0, "v": 0.2, "omega": 0.0}]}
 
@@ -87,11 +92,11 @@ def brute_force(recording, reference):
 @pytest.mark.parametrize("static", [0, 1, 2])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_information_is_the_brute_force_gramian(static, seed):
-    recording = exact(scenario(moving=3, static=static, seed=seed))
-    reference = reference_of(recording, Noise(), STEP)
+    recording = simulate_exact(scenario(moving=3, static=static, seed=seed))
+    reference = build_reference(recording, NoiseSettings(), NOISE_STEP_S)
     silent = replace(reference, noise=np.zeros_like(reference.noise))
     steps = reference.noise.shape[1]
-    Y = windows(silent, np.array([0]), steps, framed=False)[0]
+    Y = window_information(silent, np.array([0]), steps, framed=False)[0]
     expected = brute_force(recording, silent)
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     assert np.max(np.abs(Y - expected) / scale) < 1e-5
@@ -100,20 +105,22 @@ def test_information_is_the_brute_force_gramian(static, seed):
     assert np.sum(values < 1e-10) == null
 
 
-@pytest.mark.parametrize(("dt", "rel"), [(0.05, 0.02), (STEP, 0.04)])
+@pytest.mark.parametrize(("dt", "rel"), [(0.05, 0.02), (NOISE_STEP_S, 0.04)])
 def test_the_inverse_is_the_covariance_of_a_filter_that_knew_nothing(dt, rel):
-    recording = exact(scenario(moving=2, static=2))
-    reference = reference_of(recording, Noise(), dt)
+    recording = simulate_exact(scenario(moving=2, static=2))
+    reference = build_reference(recording, NoiseSettings(), dt)
     steps = reference.noise.shape[1]
-    Y = windows(reference, np.array([0]), steps, framed=False)[0]
+    Y = window_information(reference, np.array([0]), steps, framed=False)[0]
     start = from_truth(recording, (300.0, 300.0, 30.0))
-    filtered = estimators.localize(recording, start, FilterSettings(gate=0.0)).covariance
+    filtered = estimators.localize_recording(recording, start, FilterSettings(gate=0.0)).covariance
     sigma = np.sqrt(np.diagonal(filtered, axis1=1, axis2=2)).ravel()
     assert np.sqrt(np.diag(np.linalg.inv(Y))) == pytest.approx(sigma, rel=rel)
 
 
 def found(recording, window=10.0, ego=None, framed=False):
-    return look(reference_of(recording, Noise(), STEP), window, framed=framed, ego=ego)
+    return evaluate_windows(
+        build_reference(recording, NoiseSettings(), NOISE_STEP_S), window, framed=framed, ego=ego
+    )
 
 
 def test_two_anchors_tell_everything_and_one_all_but_the_rotation():
@@ -196,7 +203,11 @@ def test_more_noise_tells_less():
 def test_correlated_ranges_tell_less():
     recording = simulate(scenario())
     white, slow = (
-        look(reference_of(recording, Noise(correlation_time=tau), STEP), 10.0, framed=False)
+        evaluate_windows(
+            build_reference(recording, NoiseSettings(correlation_time=tau), NOISE_STEP_S),
+            10.0,
+            framed=False,
+        )
         for tau in (0.0, 1.0)
     )
     for name, seen in white.robots.items():
@@ -225,7 +236,7 @@ def test_moving_the_world_changes_nothing(angle, x, y, ego):
     truth = {}
     for name, poses in recording.truth.items():
         px, py = carried(poses.x, poses.y)
-        truth[name] = replace(poses, x=px, y=py, heading=wrap(poses.heading + angle))
+        truth[name] = replace(poses, x=px, y=py, heading=wrap_angle(poses.heading + angle))
     robots = tuple(
         replace(robot, position=None if robot.position is None else carried(*robot.position))
         for robot in recording.team.robots
@@ -239,7 +250,7 @@ def test_moving_the_world_changes_nothing(angle, x, y, ego):
 
 def test_a_result_log_is_analysed_at_its_estimates_with_its_innovations():
     recording = simulate(scenario())
-    posterior = estimators.localize(
+    posterior = estimators.localize_recording(
         recording, from_truth(recording, (0.1, 0.1, 0.1)), FilterSettings()
     )
     result = replace(
@@ -259,13 +270,13 @@ def test_a_result_log_is_analysed_at_its_estimates_with_its_innovations():
 def test_a_log_without_any_trajectory_is_refused_with_a_remedy():
     recording = replace(simulate(scenario(duration=2.0)), truth={})
     with pytest.raises(CltError, match="clt localize"):
-        reference_of(recording, Noise(), STEP)
+        build_reference(recording, NoiseSettings(), NOISE_STEP_S)
 
 
 def test_a_robot_without_a_trajectory_is_left_out_and_named():
     recording = simulate(scenario(duration=4.0))
     truth = {name: poses for name, poses in recording.truth.items() if name != "R4"}
-    reference = reference_of(replace(recording, truth=truth), Noise(), STEP)
+    reference = build_reference(replace(recording, truth=truth), NoiseSettings(), NOISE_STEP_S)
     assert [robot.name for robot in reference.robots] == ["R3"]
     assert any("R4" in note for note in reference.notes)
 
@@ -274,34 +285,34 @@ def test_a_robot_of_unknown_motion_is_left_out_of_rank_and_windows_and_named():
     recording = simulate(scenario(duration=4.0))
     odometry = {name: twist for name, twist in recording.odometry.items() if name != "R4"}
     partly = replace(recording, odometry=odometry)
-    reference = reference_of(partly, Noise(), STEP)
+    reference = build_reference(partly, NoiseSettings(), NOISE_STEP_S)
     assert [robot.name for robot in reference.robots] == ["R3"]
     assert reference.notes == ("no odometry of R4: left out of rank and windows",)
     assert [node.name for node in setup_of(partly).nodes] == ["R1", "R2", "R3"]
     with pytest.raises(CltError, match="neither odometry nor an estimate of R4"):
         setup_of(partly, frame="ego:R4")
     with pytest.raises(CltError, match="no windows in its frame"):
-        look(reference, 2.0, framed=False, ego="R4")
+        evaluate_windows(reference, 2.0, framed=False, ego="R4")
     with pytest.raises(CltError, match="any moving robot"):
-        reference_of(replace(recording, odometry={}), Noise(), STEP)
+        build_reference(replace(recording, odometry={}), NoiseSettings(), NOISE_STEP_S)
 
 
 def test_windows_cover_the_log_to_its_end():
-    reference = reference_of(simulate(scenario(duration=21.0)), Noise(), STEP)
-    start, length = sliding(reference, 5.0)
+    reference = build_reference(simulate(scenario(duration=21.0)), NoiseSettings(), NOISE_STEP_S)
+    start, length = sliding_windows(reference, 5.0)
     assert length == 50
     assert start[-1] + length == reference.noise.shape[1]
     assert start[0] < length
-    assert sliding(reference, 1e6)[0].tolist() == [0]
-    assert sliding(reference, float("inf"))[0].tolist() == [0]
+    assert sliding_windows(reference, 1e6)[0].tolist() == [0]
+    assert sliding_windows(reference, float("inf"))[0].tolist() == [0]
     with pytest.raises(UsageError, match="--window"):
-        sliding(reference, 0.0)
+        sliding_windows(reference, 0.0)
     with pytest.raises(UsageError, match="--window"):
-        sliding(reference, float("nan"))
+        sliding_windows(reference, float("nan"))
 
 
 def test_json_has_null_where_nothing_is_known():
-    listed = as_list(found(simulate(scenario(moving=1, static=1, duration=12.0))))
+    listed = windows_as_list(found(simulate(scenario(moving=1, static=1, duration=12.0))))
     one = listed[0]["robots"]["R2"]
     assert one["sigma_heading"] is None
     assert one["rank"] == 2
@@ -310,9 +321,11 @@ def test_json_has_null_where_nothing_is_known():
 
 
 def test_columns_follow_the_robots():
-    reference = reference_of(
-        simulate(scenario(moving=1, static=2, duration=3.0, **{"team.known": False})), Noise(), STEP
+    reference = build_reference(
+        simulate(scenario(moving=1, static=2, duration=3.0, **{"team.known": False})),
+        NoiseSettings(),
+        NOISE_STEP_S,
     )
-    first, owner = columns_of(reference)
+    first, owner = state_columns(reference)
     assert first.tolist() == [0, 2, 4, 7]
     assert owner.tolist() == [0, 0, 1, 1, 2, 2, 2]

@@ -14,16 +14,16 @@ from clt.core.recording import Innovations, Odometry, Poses, Ranges, Robot
 from clt.metrics.evaluate import evaluate
 from clt.metrics.evaluation import EvaluateOptions
 from clt.report.figures import figure, pairs, plain
-from clt.report.figures.sight import sight_of
-from clt.report.figures.style import RC, colour
+from clt.report.figures.sight import trajectory_map
+from clt.report.figures.style import RC_PARAMS, robot_colour
 from tests.conftest import PERIOD, START
 
 
 def composed(recording, evaluation=None):
-    with mpl.rc_context(RC):
+    with mpl.rc_context(RC_PARAMS):
         if evaluation is None:
-            return plain.compose(recording)
-        return figure.compose(recording, evaluation)
+            return plain.compose_unscored_figure(recording)
+        return figure.compose_evaluation_figure(recording, evaluation)
 
 
 def texts(fig):
@@ -45,16 +45,16 @@ def test_every_robot_with_ellipses_and_pairs(synthetic):
     main, position, heading, ranges, residuals = fig.axes[:5]
     assert {"R1", "R2", "R3", "A1", "A2"} <= texts(fig)
     for k, name in enumerate(("R1", "R2", "R3")):
-        (drawn,) = lines(main, colour(k))
+        (drawn,) = lines(main, robot_colour(k))
         assert drawn[:, 0] == pytest.approx(recording.estimate[name].x)
     shapes = [patch for patch in main.patches if isinstance(patch, Ellipse)]
     assert len(shapes) == 3 * 12
     assert shapes[0].width == pytest.approx(2 * 3 * 0.05)
     assert shapes[0].height == pytest.approx(2 * 3 * 0.03)
     assert shapes[0].angle % 180.0 == pytest.approx(np.degrees(0.4))
-    (bound,) = lines(position, colour(0))
+    (bound,) = lines(position, robot_colour(0))
     assert bound[:, 1] == pytest.approx(3 * 0.05)
-    (bound,) = lines(heading, colour(1))
+    (bound,) = lines(heading, robot_colour(1))
     assert bound[:, 1] == pytest.approx(np.degrees(3 * 0.02))
     names = [text.get_text() for text in ranges.get_legend().get_texts()]
     assert names == ["A1-R1", "A1-R3", "A2-R1", "A2-R3"] or len(names) <= 4
@@ -71,10 +71,10 @@ def test_truth_of_some_robots(synthetic):
     main = fig.axes[0]
     assert {"R1", "R2, no truth", "R3, no truth"} <= texts(fig)
     for k, name in enumerate(("R1", "R2", "R3")):
-        (drawn,) = lines(main, colour(k))
+        (drawn,) = lines(main, robot_colour(k))
         assert drawn[:, 0] == pytest.approx(recording.estimate[name].x)
     assert sum(isinstance(patch, Ellipse) for patch in main.patches) == 2 * 12
-    assert "no truth: R2, R3" in figure.subtitle(recording, evaluation)
+    assert "no truth: R2, R3" in figure.evaluation_subtitle(recording, evaluation)
 
 
 def test_an_aligned_team_moves_those_without_truth_along(synthetic, moved):
@@ -89,10 +89,10 @@ def test_an_aligned_team_moves_those_without_truth_along(synthetic, moved):
     recording = moved(whole, change, frame="elsewhere")
     recording = replace(recording, truth={"R1": whole.truth["R1"]})
     evaluation = evaluate(recording, EvaluateOptions("se2"))
-    (drawn,) = lines(composed(recording, evaluation).axes[0], colour(1))
+    (drawn,) = lines(composed(recording, evaluation).axes[0], robot_colour(1))
     assert np.abs(drawn[:, 0] - whole.estimate["R2"].x).max() < 0.1
     alone = evaluate(recording, EvaluateOptions("se2-per-robot"))
-    assert lines(composed(recording, alone).axes[0], colour(1)) == []
+    assert lines(composed(recording, alone).axes[0], robot_colour(1)) == []
 
 
 def measured(synthetic):
@@ -120,7 +120,7 @@ def measured(synthetic):
 
 def test_odometry_starts_at_the_truth_else_at_the_origin(synthetic):
     recording = measured(synthetic)
-    sight = sight_of(recording)
+    sight = trajectory_map(recording)
     assert sight.tracks["R1"][1][-1] == pytest.approx([4.0, -1.0 + 0.5 * 99 * 0.05])
     assert sight.tracks["R2"][1][-1] == pytest.approx([0.5 * 99 * 0.05, 0.0])
     fig = composed(recording)
@@ -131,7 +131,7 @@ def test_odometry_starts_at_the_truth_else_at_the_origin(synthetic):
     image = ranges.images[0].get_array()
     expected = [1.0 + a + 10.0 * b for a in range(4) for b in range(a + 1, 4)]
     assert np.ma.mean(image, axis=1).tolist() == pytest.approx(expected)
-    (drawn,) = lines(speed, colour(1))
+    (drawn,) = lines(speed, robot_colour(1))
     assert drawn[:, 1] == pytest.approx(0.5)
 
 
@@ -149,7 +149,7 @@ def test_ranges_of_a_result_are_residuals_on_top_of_the_estimates(synthetic):
     index = np.full(50, 2)
     found = Innovations(stamp, index, index - 2, residual, residual, residual, residual > -1)
     recording = replace(recording, innovations=found)
-    series = sight_of(recording).ranges(int(stamp[0]))["A1-R1"]
+    series = trajectory_map(recording).ranges(int(stamp[0]))["A1-R1"]
     track = recording.estimate["R1"]
     assert series.value == pytest.approx(np.hypot(track.x, track.y) + residual)
 
@@ -178,5 +178,5 @@ def test_many_pairs_and_robots(synthetic):
     found = Innovations(at, source, target, zero + 0.1, zero + 1.0, zero, zero == 0.0)
     recording = replace(recording, team=team, truth={}, innovations=found)
     fig = composed(recording)
-    assert fig.axes[3].images[0].get_array().shape == (45, pairs.BINS)
+    assert fig.axes[3].images[0].get_array().shape == (45, pairs.STRIP_BINS)
     assert "R7" not in texts(fig)

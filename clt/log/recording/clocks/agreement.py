@@ -15,26 +15,35 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Floats, Frames, Indices, Odometry, Poses, Ranges, Recording, Stamps
+from clt.core.recording import (
+    Floats,
+    Indices,
+    Odometry,
+    Poses,
+    Ranges,
+    Recording,
+    Stamps,
+    UwbPackets,
+)
 
-OFF = 3.0
+MAX_CLOCK_DIFFERENCE_S = 3.0
 """Clocks further apart than this are wrong, s: networks delay by less in the median."""
-EARLY = 0.1
+OFFSET_QUANTILE = 0.1
 """Quantile of the delays that stands for the offset of a clock: what queued is slower."""
-PACE = 0.01
+MAX_PACE_ERROR = 0.01
 """Times of recording that gain or lose more than this share on the stamps are no clock."""
-SMOOTHED = 5
+SMOOTHING_MESSAGES = 5
 """Messages whose median delay is looked at: single ones may be late."""
-MOST_PIECES = 100
+MAX_CLOCK_SEGMENTS = 100
 """A stream whose delay steps more often is not recorded by a clock."""
-LONGEST = 9e9
+MAX_OFFSET_STEP_S = 9e9
 """Between two times of recording, s: beyond it int64 has no nanoseconds."""
-ROLES = ("odometry", "ranges", "frames", "estimate")
+TIMING_ROLES = ("odometry", "ranges", "frames", "estimate")
 """Streams that say when a log was recorded; truth alone does not."""
 
 
 @dataclass(frozen=True)
-class Stream:
+class ClockStream:
     """Rows of one robot's clock in one table of a recording, sorted by stamp, shape (n,)."""
 
     role: str
@@ -48,10 +57,10 @@ class Stream:
 
 
 @dataclass(frozen=True)
-class Piece:
+class ClockSegment:
     """What a stream holds from one setting of its clock to the next; in order of recording."""
 
-    stream: Stream
+    stream: ClockStream
     which: Indices
     """Rows of the stream, shape (m,), in the order of their stamps."""
     offset: float
@@ -66,61 +75,67 @@ class Piece:
         return self.stream.log_time[self.which]
 
 
-def streams_of(recording: Recording) -> list[Stream]:
+def clock_streams(recording: Recording) -> list[ClockStream]:
     """Every stream with the robot whose clock stamped it; of truth those of moving robots.
 
     Where a static robot stands holds at any time. Estimates stand where there is nothing else.
     """
     moving = {robot.name for robot in recording.team.moving}
-    found = [whole("odometry", name, one) for name, one in recording.odometry.items()]
+    found = [stream_of_table("odometry", name, one) for name, one in recording.odometry.items()]
     for role, table in (("ranges", recording.ranges), ("frames", recording.frames)):
-        found += by_source(role, table, recording.team.names)
+        found += streams_by_source(role, table, recording.team.names)
     found = [stream for stream in found if stream.stamp.size > 0]
     if len(found) == 0:
-        found = [whole("estimate", name, one) for name, one in recording.estimate.items()]
-    found += [whole("truth", name, one) for name, one in recording.truth.items() if name in moving]
+        found = [stream_of_table("estimate", name, one) for name, one in recording.estimate.items()]
+    found += [
+        stream_of_table("truth", name, one)
+        for name, one in recording.truth.items()
+        if name in moving
+    ]
     return [stream for stream in found if stream.stamp.size > 0]
 
 
-def whole(role: str, name: str, table: Odometry | Poses) -> Stream:
+def stream_of_table(role: str, name: str, table: Odometry | Poses) -> ClockStream:
     """A stream that has its table to itself."""
-    return Stream(role, name, table.stamp, table.log_time, np.arange(table.stamp.size))
+    return ClockStream(role, name, table.stamp, table.log_time, np.arange(table.stamp.size))
 
 
-def by_source(role: str, table: Ranges | Frames, names: Sequence[str]) -> list[Stream]:
+def streams_by_source(
+    role: str, table: Ranges | UwbPackets, names: Sequence[str]
+) -> list[ClockStream]:
     """One stream for each robot that is a source of rows."""
     order = np.argsort(table.source, kind="stable")
     bounds = np.searchsorted(table.source[order], np.arange(len(names) + 1))
     return [
-        Stream(role, name, table.stamp[rows], table.log_time[rows], rows)
+        ClockStream(role, name, table.stamp[rows], table.log_time[rows], rows)
         for name, rows in ((name, order[bounds[i] : bounds[i + 1]]) for i, name in enumerate(names))
         if rows.size > 0
     ]
 
 
-def agree(recording: Recording) -> bool:
+def clocks_agree(recording: Recording) -> bool:
     """Whether no delay differs from another by what a network does not do: the usual case."""
     moving = {robot.name for robot in recording.team.moving}
-    tables: list[Odometry | Poses | Ranges | Frames] = [*recording.odometry.values()]
+    tables: list[Odometry | Poses | Ranges | UwbPackets] = [*recording.odometry.values()]
     tables += [poses for name, poses in recording.truth.items() if name in moving]
     tables += [recording.ranges, recording.frames]
     delays = [table.log_time - table.stamp for table in tables if table.stamp.size > 0]
     least = min((int(delay.min()) for delay in delays), default=0)
     most = max((int(delay.max()) for delay in delays), default=0)
-    return most - least < round(OFF * 1e9)
+    return most - least < round(MAX_CLOCK_DIFFERENCE_S * 1e9)
 
 
-def pieces_of(streams: Sequence[Stream]) -> list[Piece]:
+def clock_segments(streams: Sequence[ClockStream]) -> list[ClockSegment]:
     """Every stream cut where its clock was set; whole where times of recording say nothing."""
     base = min(int((one.log_time - one.stamp).min()) for one in streams)
-    streams = recorded_evenly(streams, base)
-    cut = [steps(stream, base) for stream in streams]
+    streams = undo_recorder_steps(streams, base)
+    cut = [cut_at_clock_steps(stream, base) for stream in streams]
     if all(pieces is not None for pieces in cut):
         return [piece for pieces in cut if pieces is not None for piece in pieces]
-    return [Piece(one, np.arange(one.stamp.size), 0.0) for one in streams]
+    return [ClockSegment(one, np.arange(one.stamp.size), 0.0) for one in streams]
 
 
-class Stretches(NamedTuple):
+class DelaySegments(NamedTuple):
     """A stream in the order of recording, cut where its delay steps and stays."""
 
     order: Indices
@@ -133,43 +148,48 @@ class Stretches(NamedTuple):
     """Of each stretch, s."""
 
 
-def stretches(stream: Stream, base: int) -> Stretches | None:
+def cut_by_delay(stream: ClockStream, base: int) -> DelaySegments | None:
     """Cut a stream; None where its delay steps too often for a clock. `base` in ns."""
     order = np.argsort(stream.log_time, kind="stable")
     delay = np.asarray((stream.log_time - stream.stamp)[order] * 1e-9 - base * 1e-9, np.float64)
     bounds = [0, delay.size]
-    if np.ptp(delay) >= OFF:
-        inner = np.flatnonzero(np.abs(np.diff(smoothed(delay))) > OFF) + 1
-        bounds = without_short([0, *inner.tolist(), delay.size])
-    if len(bounds) > MOST_PIECES:
+    if np.ptp(delay) >= MAX_CLOCK_DIFFERENCE_S:
+        inner = np.flatnonzero(np.abs(np.diff(smooth_delay(delay))) > MAX_CLOCK_DIFFERENCE_S) + 1
+        bounds = drop_short_segments([0, *inner.tolist(), delay.size])
+    if len(bounds) > MAX_CLOCK_SEGMENTS:
         return None
-    bounds, offsets = merged(bounds, delay)
+    bounds, offsets = merge_equal_offsets(bounds, delay)
     if len(offsets) > 1:
-        side = sides(stream.log_time[order], delay, bounds, offsets)
+        side = nearest_segment(stream.log_time[order], delay, bounds, offsets)
         again = np.argsort(side, kind="stable")
         order, delay = order[again], delay[again]
         kept, first = np.unique(side[again], return_index=True)
         bounds, offsets = [*first.tolist(), delay.size], [offsets[k] for k in kept]
-    return Stretches(order, delay, bounds, offsets)
+    return DelaySegments(order, delay, bounds, offsets)
 
 
-def without_short(bounds: list[int]) -> list[int]:
+def drop_short_segments(bounds: list[int]) -> list[int]:
     """Bounds of stretches that are longer than single late messages."""
     kept = bounds[:1]
     for bound in bounds[1:-1]:
-        if bound - kept[-1] > SMOOTHED // 2 and bounds[-1] - bound > SMOOTHED // 2:
+        if (
+            bound - kept[-1] > SMOOTHING_MESSAGES // 2
+            and bounds[-1] - bound > SMOOTHING_MESSAGES // 2
+        ):
             kept.append(bound)
     return [*kept, bounds[-1]]
 
 
-def sides(log_time: Stamps, delay: Floats, bounds: list[int], offsets: list[float]) -> Indices:
+def nearest_segment(
+    log_time: Stamps, delay: Floats, bounds: list[int], offsets: list[float]
+) -> Indices:
     """To which stretch each row belongs, as messages overtake others at a bound, shape (n,).
 
-    Each row within OFF of a bound goes to that side whose offset is nearer to its delay.
+    Each row within MAX_CLOCK_DIFFERENCE_S of a bound goes to that side whose offset is nearer to its delay.
     """
     side = np.repeat(np.arange(len(offsets)), np.diff(bounds))
     for k, bound in enumerate(bounds[1:-1]):
-        when, reach = int(log_time[bound]), round(OFF * 1e9)
+        when, reach = int(log_time[bound]), round(MAX_CLOCK_DIFFERENCE_S * 1e9)
         near = np.arange(
             max(bounds[k], int(np.searchsorted(log_time, when - reach))),
             min(bounds[k + 2], int(np.searchsorted(log_time, when + reach))),
@@ -179,14 +199,16 @@ def sides(log_time: Stamps, delay: Floats, bounds: list[int], offsets: list[floa
     return side
 
 
-def recorded_evenly(streams: Sequence[Stream], base: int) -> Sequence[Stream]:
+def undo_recorder_steps(streams: Sequence[ClockStream], base: int) -> Sequence[ClockStream]:
     """The streams as if nobody had set the recorder's clock: where it was, stamps go on evenly."""
     longest = max(streams, key=lambda stream: stream.stamp.size)
-    found = stretches(longest, base)
+    found = cut_by_delay(longest, base)
     if found is None:
         return streams
     stamp, log_time = longest.stamp[found.order], longest.log_time[found.order]
-    sizes = np.rint(np.clip(np.diff(found.offsets), -LONGEST, LONGEST) * 1e9).astype(np.int64)
+    sizes = np.rint(
+        np.clip(np.diff(found.offsets), -MAX_OFFSET_STEP_S, MAX_OFFSET_STEP_S) * 1e9
+    ).astype(np.int64)
     sets = [
         (log_time[i - 1] + (log_time[i] - log_time[i - 1]) // 2, size)
         for i, size in zip(found.bounds[1:-1], sizes, strict=True)
@@ -202,34 +224,34 @@ def recorded_evenly(streams: Sequence[Stream], base: int) -> Sequence[Stream]:
     ]
 
 
-def steps(stream: Stream, base: int) -> list[Piece] | None:
+def cut_at_clock_steps(stream: ClockStream, base: int) -> list[ClockSegment] | None:
     """A stream cut where its clock was set; None where it was not recorded by a clock."""
-    found = stretches(stream, base)
+    found = cut_by_delay(stream, base)
     if found is None:
         return None
     pieces = []
     for (first, last), offset in zip(pairwise(found.bounds), found.offsets, strict=True):
         rows = found.order[first:last]
-        if not runs_along(found.delay[first:last], stream.log_time[rows]):
+        if not keeps_pace(found.delay[first:last], stream.log_time[rows]):
             return None
-        pieces.append(Piece(stream, np.sort(rows), offset))
+        pieces.append(ClockSegment(stream, np.sort(rows), offset))
     return pieces
 
 
-def smoothed(delay: Floats) -> Floats:
+def smooth_delay(delay: Floats) -> Floats:
     """Running median of delays (n,): single late messages vanish, steps stay where they are."""
-    size = min(SMOOTHED, delay.size - 1 + delay.size % 2)
+    size = min(SMOOTHING_MESSAGES, delay.size - 1 + delay.size % 2)
     padded = np.pad(delay, size // 2, mode="edge")
     result: Floats = np.median(np.lib.stride_tricks.sliding_window_view(padded, size), axis=1)
     return result
 
 
-def merged(bounds: list[int], delay: Floats) -> tuple[list[int], list[float]]:
+def merge_equal_offsets(bounds: list[int], delay: Floats) -> tuple[list[int], list[float]]:
     """Bounds without those where the offset is the same before and after (a queue), and offsets."""
-    kept, offsets = [bounds[0]], [offset_of(delay[bounds[0] : bounds[1]])]
+    kept, offsets = [bounds[0]], [clock_offset(delay[bounds[0] : bounds[1]])]
     for first, last in pairwise(bounds[1:]):
-        offset = offset_of(delay[first:last])
-        if abs(offset - offsets[-1]) > OFF:
+        offset = clock_offset(delay[first:last])
+        if abs(offset - offsets[-1]) > MAX_CLOCK_DIFFERENCE_S:
             kept.append(first)
             offsets.append(offset)
         else:
@@ -237,28 +259,30 @@ def merged(bounds: list[int], delay: Floats) -> tuple[list[int], list[float]]:
     return [*kept, bounds[-1]], offsets
 
 
-def offset_of(delay: Floats) -> float:
+def clock_offset(delay: Floats) -> float:
     """Of a clock, from delays (n,), n > 0, s."""
-    return float(np.quantile(delay, EARLY))
+    return float(np.quantile(delay, OFFSET_QUANTILE))
 
 
-def runs_along(delay: Floats, log_time: Stamps) -> bool:
+def keeps_pace(delay: Floats, log_time: Stamps) -> bool:
     """Whether times of recording go at the pace of the stamps."""
     half = delay.size // 2
     if half == 0:
         return True
-    gained = abs(offset_of(delay[half:]) - offset_of(delay[:half]))
-    return gained <= max(OFF, PACE * 0.5e-9 * int(log_time[-1] - log_time[0]))
+    gained = abs(clock_offset(delay[half:]) - clock_offset(delay[:half]))
+    return gained <= max(
+        MAX_CLOCK_DIFFERENCE_S, MAX_PACE_ERROR * 0.5e-9 * int(log_time[-1] - log_time[0])
+    )
 
 
-def alike(offsets: Floats) -> Indices:
-    """Group of each of n offsets (s): neighbours no further apart than OFF belong together."""
+def group_offsets(offsets: Floats) -> Indices:
+    """Group of each of n offsets (s): neighbours no further apart than MAX_CLOCK_DIFFERENCE_S belong together."""
     order = np.argsort(offsets, kind="stable")
     group = np.empty(offsets.size, np.int64)
-    group[order] = np.append(0, np.cumsum(np.diff(offsets[order]) > OFF))
+    group[order] = np.append(0, np.cumsum(np.diff(offsets[order]) > MAX_CLOCK_DIFFERENCE_S))
     return group
 
 
-def undelayed(piece: Piece) -> bool:
+def log_time_is_stamp(piece: ClockSegment) -> bool:
     """Whether stamps stand for times of recording throughout: that tells of no clock."""
     return bool(np.array_equal(piece.stamp, piece.log_time))

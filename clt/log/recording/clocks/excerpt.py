@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from clt.core.recording import (
-    Frames,
     Indices,
     Innovations,
     Odometry,
@@ -17,14 +16,15 @@ from clt.core.recording import (
     Ranges,
     Recording,
     Stamps,
+    UwbPackets,
 )
-from clt.log.recording.clocks.parts import Part
-from clt.log.recording.clocks.timeline import MARGIN, Timeline
+from clt.log.recording.clocks.parts import LogPart
+from clt.log.recording.clocks.timeline import TRUTH_MARGIN_NS, Timeline
 
-Rows = TypeVar("Rows", Odometry, Ranges, Frames, Poses, Innovations)
+TableType = TypeVar("TableType", Odometry, Ranges, UwbPackets, Poses, Innovations)
 
 
-def rows_of(table: Rows, rows: Indices | slice) -> Rows:
+def select_rows(table: TableType, rows: Indices | slice) -> TableType:
     """Some rows of a table of columns."""
     columns = {field.name: getattr(table, field.name) for field in fields(table)}
     chosen: dict[str, Any] = {
@@ -33,13 +33,13 @@ def rows_of(table: Rows, rows: Indices | slice) -> Rows:
     return replace(table, **chosen)
 
 
-def between(stamp: Stamps, since: int, until: int) -> slice:
+def rows_between(stamp: Stamps, since: int, until: int) -> slice:
     """The rows of sorted stamps from one to another, both ns and included."""
     first, last = np.searchsorted(stamp, since), np.searchsorted(stamp, until, "right")
     return slice(int(first), int(last))
 
 
-def cut(recording: Recording, since: int, until: int) -> Recording:
+def cut_recording(recording: Recording, since: int, until: int) -> Recording:
     """What a recording holds from one stamp to another (ns, both included).
 
     Of a static robot without truth in between all truth is kept: it holds at any time. A stream
@@ -49,30 +49,36 @@ def cut(recording: Recording, since: int, until: int) -> Recording:
     static = {robot.name for robot in recording.team.static}
     return replace(
         recording,
-        odometry=_within(recording.odometry, since, until),
-        truth=_static(recording.truth, static) | _within(recording.truth, since, until),
-        estimate=_within(recording.estimate, since, until),
-        dead_reckoning=_within(recording.dead_reckoning, since, until),
-        ranges=rows_of(recording.ranges, between(recording.ranges.stamp, since, until)),
-        frames=rows_of(recording.frames, between(recording.frames.stamp, since, until)),
-        innovations=found and rows_of(found, between(found.stamp, since, until)),
+        odometry=_streams_between(recording.odometry, since, until),
+        truth=_truth_of_static(recording.truth, static)
+        | _streams_between(recording.truth, since, until),
+        estimate=_streams_between(recording.estimate, since, until),
+        dead_reckoning=_streams_between(recording.dead_reckoning, since, until),
+        ranges=select_rows(recording.ranges, rows_between(recording.ranges.stamp, since, until)),
+        frames=select_rows(recording.frames, rows_between(recording.frames.stamp, since, until)),
+        innovations=found and select_rows(found, rows_between(found.stamp, since, until)),
     )
 
 
-Track = TypeVar("Track", Odometry, Poses)
+StreamType = TypeVar("StreamType", Odometry, Poses)
 
 
-def _within(streams: Mapping[str, Track], since: int, until: int) -> dict[str, Track]:
-    parts = {name: rows_of(one, between(one.stamp, since, until)) for name, one in streams.items()}
+def _streams_between(
+    streams: Mapping[str, StreamType], since: int, until: int
+) -> dict[str, StreamType]:
+    parts = {
+        name: select_rows(one, rows_between(one.stamp, since, until))
+        for name, one in streams.items()
+    }
     return {name: one for name, one in parts.items() if one.stamp.size > 0}
 
 
-def _static(truth: Mapping[str, Poses], static: set[str]) -> dict[str, Poses]:
+def _truth_of_static(truth: Mapping[str, Poses], static: set[str]) -> dict[str, Poses]:
     return {name: poses for name, poses in truth.items() if name in static}
 
 
-def part_of(recording: Recording, timeline: Timeline, part: Part) -> Recording:
-    """What a recording holds of one part of its timeline; truth of static robots as `cut` has it.
+def extract_part(recording: Recording, timeline: Timeline, part: LogPart) -> Recording:
+    """What a recording holds of one part of its timeline; truth of static robots as `cut_recording` has it.
 
     Rows of clocks that are off, before and after the part are left out.
     """
@@ -93,17 +99,19 @@ def part_of(recording: Recording, timeline: Timeline, part: Part) -> Recording:
                 case "frames":
                     frames.append(stream.rows[rows])
     static = {robot.name for robot in recording.team.static}
-    kept = _static(recording.truth, static)
+    kept = _truth_of_static(recording.truth, static)
     return replace(
-        cut(recording, part.begin - MARGIN, part.end + MARGIN),
-        odometry={n: rows_of(recording.odometry[n], _sorted(r)) for n, r in odometry.items()},
+        cut_recording(recording, part.begin - TRUTH_MARGIN_NS, part.end + TRUTH_MARGIN_NS),
+        odometry={
+            n: select_rows(recording.odometry[n], _sorted_rows(r)) for n, r in odometry.items()
+        },
         truth=kept
-        | _within(kept, part.begin - MARGIN, part.end + MARGIN)
-        | {n: rows_of(recording.truth[n], _sorted(r)) for n, r in truth.items()},
-        ranges=rows_of(recording.ranges, _sorted(ranges)),
-        frames=rows_of(recording.frames, _sorted(frames)),
+        | _streams_between(kept, part.begin - TRUTH_MARGIN_NS, part.end + TRUTH_MARGIN_NS)
+        | {n: select_rows(recording.truth[n], _sorted_rows(r)) for n, r in truth.items()},
+        ranges=select_rows(recording.ranges, _sorted_rows(ranges)),
+        frames=select_rows(recording.frames, _sorted_rows(frames)),
     )
 
 
-def _sorted(parts: list[Indices]) -> Indices:
+def _sorted_rows(parts: list[Indices]) -> Indices:
     return np.sort(np.concatenate([np.empty(0, np.int64), *parts]))

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from clt.core.recording import Indices, Stamps
-from clt.log.recording.clocks.agreement import ROLES, Piece
+from clt.log.recording.clocks.agreement import TIMING_ROLES, ClockSegment
 
-APART = 30_000_000_000
+MIN_PAUSE_NS = 30_000_000_000
 """Where nobody has data for so long, a part ends, ns ..."""
-SPARSE = 20
+MIN_PAUSE_STEPS = 20
 """... or for so many usual steps of all data together, if that is more."""
 
 
 @dataclass(frozen=True)
-class Part:
+class LogPart:
     """A stretch that one clock and no pause holds together."""
 
     group: int
@@ -40,16 +40,16 @@ class Part:
         return ranged, ranged and len(self.roles & {"odometry", "frames"}) > 0, self.messages
 
 
-def parts_of(pieces: Sequence[Piece], group: Indices, number: int) -> list[Part]:
+def log_parts(pieces: Sequence[ClockSegment], group: Indices, number: int) -> list[LogPart]:
     """The parts that one group of clocks stamped, in the order of time."""
     own = [
         piece
         for piece, its in zip(pieces, group, strict=True)
-        if its == number and piece.stream.role in ROLES
+        if its == number and piece.stream.role in TIMING_ROLES
     ]
     if len(own) == 0:
         return []
-    begin, end = runs([piece.stamp for piece in own])
+    begin, end = uninterrupted_runs([piece.stamp for piece in own])
     count = np.zeros(begin.size, np.int64)
     streams: list[set[tuple[str, str]]] = [set() for _ in begin]
     for piece in own:
@@ -58,23 +58,23 @@ def parts_of(pieces: Sequence[Piece], group: Indices, number: int) -> list[Part]
         for part in np.unique(at).tolist():
             streams[part].add((piece.stream.role, piece.stream.robot))
     return [
-        Part(number, int(a), int(b), int(n), frozenset(names))
+        LogPart(number, int(a), int(b), int(n), frozenset(names))
         for a, b, n, names in zip(begin, end, count, streams, strict=True)
     ]
 
 
-def runs(stamps: Sequence[Stamps]) -> tuple[Stamps, Stamps]:
+def uninterrupted_runs(stamps: Sequence[Stamps]) -> tuple[Stamps, Stamps]:
     """First and last stamps (k,) of the stretches without a pause of all of some sorted streams."""
-    begin, end = joined(stamps, APART)
+    begin, end = runs_without_gap(stamps, MIN_PAUSE_NS)
     if begin.size > 1:
         steps = np.diff(np.unique(np.concatenate(stamps)))
-        limit = SPARSE * int(np.median(steps)) if steps.size > 1 else 0
-        if limit > APART:
-            return joined(stamps, limit)
+        limit = MIN_PAUSE_STEPS * int(np.median(steps)) if steps.size > 1 else 0
+        if limit > MIN_PAUSE_NS:
+            return runs_without_gap(stamps, limit)
     return begin, end
 
 
-def joined(stamps: Sequence[Stamps], limit: int) -> tuple[Stamps, Stamps]:
+def runs_without_gap(stamps: Sequence[Stamps], limit: int) -> tuple[Stamps, Stamps]:
     """The same for pauses longer than `limit`, ns."""
     cuts = [(stamp, np.flatnonzero(np.diff(stamp) > limit)) for stamp in stamps]
     begin = np.concatenate([stamp[np.append(0, at + 1)] for stamp, at in cuts])

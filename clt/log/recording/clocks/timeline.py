@@ -12,21 +12,28 @@ import numpy as np
 
 from clt.core.recording import Fault, Indices, Recording, Stamps
 from clt.log.faults import Faults
-from clt.log.recording.clocks.agreement import Piece, agree, alike, pieces_of, streams_of, undelayed
-from clt.log.recording.clocks.extents import shifted
-from clt.log.recording.clocks.findings import (
-    LOG_TIME,
-    SET_CLOCK,
-    Finding,
-    jumps,
-    misplaced,
-    moment,
-    pauses,
-    shifts,
+from clt.log.recording.clocks.agreement import (
+    ClockSegment,
+    clock_segments,
+    clock_streams,
+    clocks_agree,
+    group_offsets,
+    log_time_is_stamp,
 )
-from clt.log.recording.clocks.parts import APART, Part, parts_of, runs
+from clt.log.recording.clocks.extents import shifted_clocks
+from clt.log.recording.clocks.findings import (
+    LOG_TIME_REMEDY,
+    SET_CLOCK_REMEDY,
+    ClockFinding,
+    find_jumps,
+    find_pauses,
+    find_shifts,
+    shifts_by_extent,
+    stamp_text,
+)
+from clt.log.recording.clocks.parts import MIN_PAUSE_NS, LogPart, log_parts, uninterrupted_runs
 
-MARGIN = APART // 2
+TRUTH_MARGIN_NS = MIN_PAUSE_NS // 2
 """Truth counts to a part up to this before and after it, ns."""
 
 
@@ -36,16 +43,16 @@ class Timeline:
 
     start: int
     """First stamp, ns."""
-    parts: tuple[Part, ...]
+    parts: tuple[LogPart, ...]
     """The most useful one first."""
-    findings: tuple[Finding, ...]
-    pieces: tuple[Piece, ...]
+    findings: tuple[ClockFinding, ...]
+    pieces: tuple[ClockSegment, ...]
     group: Indices
     """Of the clock of each piece."""
     shifted: frozenset[str]
     """Robots whose clocks are off by where their streams lie."""
 
-    def left_out(self, part: Part) -> list[str]:
+    def left_out(self, part: LogPart) -> list[str]:
         """Robots of whose clocks nothing is used, or only some; with what that is."""
         found: dict[str, list[str]] = {}
         for number, piece in enumerate(self.pieces):
@@ -56,52 +63,52 @@ class Timeline:
                 found.setdefault(piece.stream.robot, []).append(piece.stream.role)
         return [f"{', '.join(dict.fromkeys(roles))} of {name}" for name, roles in found.items()]
 
-    def which(self, number: int, part: Part) -> Indices:
+    def which(self, number: int, part: LogPart) -> Indices:
         """Rows of a piece, within its stream, that belong to a part."""
         piece = self.pieces[number]
         if piece.stream.robot in self.shifted and piece.stream.role != "truth":
             return piece.which[:0]
         truth = piece.stream.role == "truth"
-        if self.group[number] != part.group and not (truth and undelayed(piece)):
+        if self.group[number] != part.group and not (truth and log_time_is_stamp(piece)):
             return piece.which[:0]
-        margin = MARGIN if truth else 0
+        margin = TRUTH_MARGIN_NS if truth else 0
         stamp = piece.stamp
         first = np.searchsorted(stamp, part.begin - margin)
         last = np.searchsorted(stamp, part.end + margin, "right")
         return piece.which[first:last]
 
 
-def look(recording: Recording, *, results: bool = False) -> Timeline | None:
+def find_timeline(recording: Recording, *, results: bool = False) -> Timeline | None:
     """What is wrong with a recording in time; None where nothing is.
 
     `results`: of a log that holds nothing but results, these are looked at.
     """
-    streams = evidence(recording)
+    streams = timing_stamps(recording)
     if len(streams) == 0 and results:
         streams = [one.stamp for one in recording.estimate.values() if one.stamp.size > 0]
     if len(streams) == 0:
         return None
-    along = agree(recording)
-    late = shifted(recording)
-    if along and len(late) == 0 and len(runs(streams)[0]) == 1:
+    along = clocks_agree(recording)
+    late = shifted_clocks(recording)
+    if along and len(late) == 0 and len(uninterrupted_runs(streams)[0]) == 1:
         return None
-    return examine(recording, late)
+    return build_timeline(recording, late)
 
 
-def evidence(recording: Recording) -> list[Stamps]:
+def timing_stamps(recording: Recording) -> list[Stamps]:
     """Stamps of the streams that say when a log was recorded; truth alone does not."""
     odometry = [stream.stamp for stream in recording.odometry.values()]
     tables = [*odometry, recording.ranges.stamp, recording.frames.stamp]
     return [stamp for stamp in tables if stamp.size > 0]
 
 
-def examine(recording: Recording, late: dict[str, float]) -> Timeline | None:
+def build_timeline(recording: Recording, late: dict[str, float]) -> Timeline | None:
     """The same, where a first look found something; `late` as `extents.shifted` has it."""
-    streams = streams_of(recording)
-    pieces = pieces_of(streams)
-    group = alike(np.array([piece.offset for piece in pieces]))
+    streams = clock_streams(recording)
+    pieces = clock_segments(streams)
+    group = group_offsets(np.array([piece.offset for piece in pieces]))
     parts = sorted(
-        (part for number in np.unique(group) for part in parts_of(pieces, group, int(number))),
+        (part for number in np.unique(group) for part in log_parts(pieces, group, int(number))),
         key=lambda part: part.worth,
         reverse=True,
     )
@@ -112,10 +119,12 @@ def examine(recording: Recording, late: dict[str, float]) -> Timeline | None:
         if recording.odometry[name].stamp[0] <= last and recording.odometry[name].stamp[-1] >= first
     }
     found = [
-        *jumps(pieces, group),
-        *shifts(pieces, group, parts[0]),
-        *misplaced(recording, late),
-        *pauses(parts, SET_CLOCK if all(map(undelayed, pieces)) else LOG_TIME),
+        *find_jumps(pieces, group),
+        *find_shifts(pieces, group, parts[0]),
+        *shifts_by_extent(recording, late),
+        *find_pauses(
+            parts, SET_CLOCK_REMEDY if all(map(log_time_is_stamp, pieces)) else LOG_TIME_REMEDY
+        ),
     ]
     if len(found) == 0:
         return None
@@ -132,10 +141,10 @@ def first_stamp(recording: Recording) -> int | None:
         for one in streams.values()
         if one.stamp.size > 0
     ]
-    return min((int(stamp[0]) for stamp in [*evidence(recording), *poses]), default=None)
+    return min((int(stamp[0]) for stamp in [*timing_stamps(recording), *poses]), default=None)
 
 
-def faults_of(timeline: Timeline | None, log: str) -> tuple[Fault, ...]:
+def timeline_faults(timeline: Timeline | None, log: str) -> tuple[Fault, ...]:
     """The findings as faults of a log, each kind as often as it is worth a line."""
     faults = Faults(log)
     for one in () if timeline is None else timeline.findings:
@@ -145,7 +154,7 @@ def faults_of(timeline: Timeline | None, log: str) -> tuple[Fault, ...]:
         faults.add(
             one.kind,
             who,
-            f"at {since:.3f} s ({moment(one.at)}) {one.text}{remedy}",
+            f"at {since:.3f} s ({stamp_text(one.at)}) {one.text}{remedy}",
             lost=True,
             subject=", ".join(one.subject),
             values={"at_s": since, "at_ns": one.at, "size_s": one.size},

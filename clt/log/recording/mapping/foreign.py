@@ -10,38 +10,38 @@ from clt.core.errors import LogError
 from clt.core.recording import Fault, Poses
 from clt.log.faults import Faults
 from clt.log.recording import convert
-from clt.log.recording.convert import POSES
-from clt.log.recording.mapping.draft import draft
-from clt.log.recording.mapping.guess import Guess, guess, robots_of
-from clt.log.recording.metadata import TEAM
-from clt.log.recording.reader import Log, Topic, read
-from clt.log.recording.roles import Stream
+from clt.log.recording.convert import POSE_PATHS
+from clt.log.recording.mapping.draft import draft_text
+from clt.log.recording.mapping.guess import TopicGuess, guess_topics, guessed_robots
+from clt.log.recording.metadata import TEAM_RECORD
+from clt.log.recording.reader import Log, Topic, read_log
+from clt.log.recording.roles import StreamTopic
 
 
 @dataclass(frozen=True)
-class Drafted:
+class StreamsDraft:
     """A first streams file and what it rests on."""
 
     text: str
     """TOML."""
     log: str
     robots: tuple[str, ...]
-    guesses: tuple[Guess, ...]
+    guesses: tuple[TopicGuess, ...]
     topics: Mapping[str, Topic]
     faults: tuple[Fault, ...]
     """Of the log itself."""
 
 
-def draft_for(path: Path) -> Drafted:
+def draft_streams(path: Path) -> StreamsDraft:
     """Guess the roles of a log's topics.
 
     Raises LogError for a log that cannot be read, needs no such file or shows no robot.
     """
-    log = read(path, lambda _, kind: kind in POSES)
-    if any(record.name == TEAM for record in log.metadata):
+    log = read_log(path, lambda _, kind: kind in POSE_PATHS)
+    if any(record.name == TEAM_RECORD for record in log.metadata):
         raise LogError(f"{log.name}: clt wrote this log: it needs no streams file")
-    guesses = guess(log.topics)
-    robots = robots_of(guesses)
+    guesses = guess_topics(log.topics)
+    robots = guessed_robots(guesses)
     if len(robots) == 0:
         kinds = ", ".join(sorted({topic.type for topic in log.topics.values() if topic.count > 0}))
         raise LogError(
@@ -49,15 +49,17 @@ def draft_for(path: Path) -> Drafted:
         )
     said = log.faults.all()
     truth = {one.topic: track for one in guesses if (track := _poses(log, one)) is not None}
-    text = draft(log.topics, guesses, truth)
-    return Drafted(text, log.name, tuple(robots), tuple(guesses), log.topics, said)
+    text = draft_text(log.topics, guesses, truth)
+    return StreamsDraft(text, log.name, tuple(robots), tuple(guesses), log.topics, said)
 
 
-def _poses(log: Log, one: Guess) -> Poses | None:
+def _poses(log: Log, one: TopicGuess) -> Poses | None:
     """A trajectory, if that is what the topic holds; its faults are for `clt info` to name."""
     if one.kind != "truth":
         return None
     try:
-        return convert.poses(replace(log, faults=Faults(log.name)), Stream(one.topic), False)
+        return convert.read_poses(
+            replace(log, faults=Faults(log.name)), StreamTopic(one.topic), False
+        )
     except LogError:
         return None

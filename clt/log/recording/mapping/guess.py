@@ -7,42 +7,42 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from clt.log.cdr.msgdef import DefinitionError, Field, Struct, parse
-from clt.log.recording.convert import POSES, TWISTS
+from clt.log.cdr.msgdef import DefinitionError, Field, Struct, parse_definition
+from clt.log.recording.convert import POSE_PATHS, TWIST_PATHS
 from clt.log.recording.mapping.words import (
-    COMMAND,
-    ESTIMATE,
-    OTHER_RANGE,
-    RANGING,
-    TRUTH,
-    ends_of,
-    labels,
-    letters_of,
-    number_of,
-    robot_of,
-    words,
+    COMMAND_WORDS,
+    ESTIMATE_WORDS,
+    OTHER_RANGE_WORDS,
+    RANGING_WORDS,
+    TRUTH_WORDS,
+    label_letters,
+    label_number,
+    range_end_labels,
+    robot_label,
+    robot_labels,
+    topic_words,
 )
-from clt.log.recording.ranging import FIELDS, OURS
+from clt.log.recording.ranging import CLT_RANGE_TYPE, RANGE_FIELD_BY_TYPE
 from clt.log.recording.reader import Topic
-from clt.log.recording.roles import natural
+from clt.log.recording.roles import natural_key
 
-Kind = Literal["odometry", "truth", "range"]
-LIKELY = ("range", "distance", "dist", "value", "data", "range_m", "distance_m")
+TopicKind = Literal["odometry", "truth", "range"]
+RANGE_FIELD_NAMES = ("range", "distance", "dist", "value", "data", "range_m", "distance_m")
 """Fields of other types that may hold a range."""
-MOST = 2000
+MAX_GUESSED_TOPICS = 2000
 """More topics than this are not looked at."""
-STANDING = ("anchor", "beacon", "base", "a")
+ANCHOR_LETTERS = ("anchor", "beacon", "base", "a")
 """Letters of labels that are hardly those of a robot with the same number."""
 
 
 @dataclass(frozen=True)
-class Guess:
+class TopicGuess:
     """What one topic may be."""
 
     topic: str
     type: str
     count: int
-    kind: Kind
+    kind: TopicKind
     ends: tuple[str, ...] = ()
     """Robots: one of odometry and truth, two of a range, none where that stays open."""
     labels: tuple[str, ...] = ()
@@ -57,30 +57,32 @@ class Guess:
             return f"{self.kind} of {self.ends[0]}" if len(self.ends) == 1 else self.kind
         if len(self.ends) == 2:
             return f"range from {self.ends[0]} to {self.ends[1]}"
-        return "ranges, ends in the messages" if self.type == OURS else "range, ends unknown"
+        return (
+            "ranges, ends in the messages" if self.type == CLT_RANGE_TYPE else "range, ends unknown"
+        )
 
 
-def guess(topics: Mapping[str, Topic]) -> list[Guess]:
+def guess_topics(topics: Mapping[str, Topic]) -> list[TopicGuess]:
     """The topics that could be read, in natural order; of one robot's odometry the likeliest first.
 
     Robots have the name that their odometry's topic gives them, others that of the topic that
     mentions them; letters, digits and `_` only.
     """
-    names = sorted(topics, key=natural)[:MOST]
-    found = [one for name in names if (one := _kind(topics[name])) is not None]
-    odometry = _named([one for one in found if one.kind == "odometry"])
+    names = sorted(topics, key=natural_key)[:MAX_GUESSED_TOPICS]
+    found = [one for name in names if (one := _guess_topic(topics[name])) is not None]
+    odometry = _name_odometry([one for one in found if one.kind == "odometry"])
     drivers = {
         label: robot for one in odometry for label, robot in zip(one.labels, one.ends, strict=True)
     }
     ranges = [one for one in found if one.kind == "range"]
-    pairs = {one.topic: ends_of(one.topic, drivers) for one in ranges}
+    pairs = {one.topic: range_end_labels(one.topic, drivers) for one in ranges}
     mentioned = dict.fromkeys(
         label for pair in pairs.values() if pair is not None for label in pair
     )
     truth = [one for one in found if one.kind == "truth"]
     if len(drivers) == 0:  # then what the reference system sees is the team
-        drivers = _reference(truth)
-    robot_of_label = drivers | _same(list(mentioned), drivers)
+        drivers = _robots_by_truth(truth)
+    robot_of_label = drivers | _robots_by_label(list(mentioned), drivers)
     ranges = [
         one
         if (pair := pairs[one.topic]) is None
@@ -88,45 +90,45 @@ def guess(topics: Mapping[str, Topic]) -> list[Guess]:
         for one in ranges
     ]
     ranges = [one for one in ranges if len(set(one.ends)) == len(one.ends)]
-    return [*odometry, *_seen(truth, robot_of_label), *ranges]
+    return [*odometry, *_name_truth(truth, robot_of_label), *ranges]
 
 
-def _kind(topic: Topic) -> Guess | None:
+def _guess_topic(topic: Topic) -> TopicGuess | None:
     """What a topic's type and words allow, if anything."""
     if not topic.readable or topic.count == 0 or re.search(r"[{}]", topic.name) is not None:
         return None
-    said, field = words(topic.name), None
-    kind: Kind | None = "range"
+    said, field = topic_words(topic.name), None
+    kind: TopicKind | None = "range"
     match topic.type:
         case "nav_msgs/Odometry":
-            kind = "truth" if said & TRUTH else "odometry"
-        case of if of in TWISTS:
-            kind = None if said & (COMMAND | TRUTH) else "odometry"
-        case of if of in POSES:
-            kind = None if said & (COMMAND | ESTIMATE) else "truth"
+            kind = "truth" if said & TRUTH_WORDS else "odometry"
+        case of if of in TWIST_PATHS:
+            kind = None if said & (COMMAND_WORDS | TRUTH_WORDS) else "odometry"
+        case of if of in POSE_PATHS:
+            kind = None if said & (COMMAND_WORDS | ESTIMATE_WORDS) else "truth"
         case "sensor_msgs/Range":
-            kind = None if said & OTHER_RANGE else kind
-        case of if of in FIELDS:
-            kind = kind if said & RANGING else None
-        case of if of != OURS:
-            field = _field(topic) if (said | words(of)) & RANGING else None
+            kind = None if said & OTHER_RANGE_WORDS else kind
+        case of if of in RANGE_FIELD_BY_TYPE:
+            kind = kind if said & RANGING_WORDS else None
+        case of if of != CLT_RANGE_TYPE:
+            field = _guess_field(topic) if (said | topic_words(of)) & RANGING_WORDS else None
             kind = None if field is None else kind
     if kind is None:
         return None
-    return Guess(topic.name, topic.type, topic.count, kind, field=field)
+    return TopicGuess(topic.name, topic.type, topic.count, kind, field=field)
 
 
-def _field(topic: Topic) -> str | None:
+def _guess_field(topic: Topic) -> str | None:
     """The number of another type that is called as a range is."""
     schema = topic.channels[0].schema
     if schema is None:
         return None
     try:
-        struct = parse(schema.name, schema.data.decode("utf-8"))
+        struct = parse_definition(schema.name, schema.data.decode("utf-8"))
     except (DefinitionError, UnicodeDecodeError):
         return None
     numbers = {field.name for field in struct.fields if _is_number(field)}
-    return next((name for name in LIKELY if name in numbers), None)
+    return next((name for name in RANGE_FIELD_NAMES if name in numbers), None)
 
 
 def _is_number(field: Field) -> bool:
@@ -142,35 +144,35 @@ def robot_name(label: str) -> str:
 
 def _common(topics: Iterable[str]) -> set[str]:
     """Labels that all of several topics share, which name no single robot."""
-    sets = [set(labels(topic)) for topic in topics]
+    sets = [set(robot_labels(topic)) for topic in topics]
     return set.intersection(*sets) if len(sets) > 1 else set()
 
 
-def _named(odometry: Sequence[Guess]) -> list[Guess]:
+def _name_odometry(odometry: Sequence[TopicGuess]) -> list[TopicGuess]:
     """Odometry with the robots that its topics name; without any name the only robot is `robot`."""
     common = _common(one.topic for one in odometry)
     named = []
     for one in odometry:
-        label = robot_of(one.topic, common)
+        label = robot_label(one.topic, common)
         ends = ("robot",) if label is None else (robot_name(label),)
         named.append(replace(one, ends=ends, labels=ends if label is None else (label,)))
-    return sorted(named, key=_doubtful)
+    return sorted(named, key=_odometry_sort_key)
 
 
-def _reference(truth: Sequence[Guess]) -> dict[str, str]:
+def _robots_by_truth(truth: Sequence[TopicGuess]) -> dict[str, str]:
     """The robots that topics of truth name, by label."""
     common = _common(one.topic for one in truth)
-    found = (robot_of(one.topic, common) for one in truth)
+    found = (robot_label(one.topic, common) for one in truth)
     return {label: robot_name(label) for label in found if label is not None}
 
 
-def _doubtful(one: Guess) -> tuple[bool, bool]:
+def _odometry_sort_key(one: TopicGuess) -> tuple[bool, bool]:
     """Sort key: what other sensors took part in comes last, and so does a bare twist."""
-    said = words(one.topic)
-    return bool(said & (ESTIMATE | {"visual", "vio", "icp"})), one.type != "nav_msgs/Odometry"
+    said = topic_words(one.topic)
+    return bool(said & (ESTIMATE_WORDS | {"visual", "vio", "icp"})), one.type != "nav_msgs/Odometry"
 
 
-def _same(mentioned: Sequence[str], drivers: Mapping[str, str]) -> dict[str, str]:
+def _robots_by_label(mentioned: Sequence[str], drivers: Mapping[str, str]) -> dict[str, str]:
     """The robot of each label in the topics of ranges; nodes on no robot stand for themselves.
 
     Equal but for capitals, or, where all labels are numbers behind the same letters (n_1, n_2),
@@ -179,8 +181,8 @@ def _same(mentioned: Sequence[str], drivers: Mapping[str, str]) -> dict[str, str
     same = {low.lower(): robot for low, robot in drivers.items()}
     found = {label: same[label.lower()] for label in mentioned if label.lower() in same}
     rest = [label for label in mentioned if label not in found]
-    kinds = {letters_of(label) for label in rest}
-    if len(found) == 0 and len(kinds) == 1 and kinds.isdisjoint(STANDING):
+    kinds = {label_letters(label) for label in rest}
+    if len(found) == 0 and len(kinds) == 1 and kinds.isdisjoint(ANCHOR_LETTERS):
         found |= _by_number(rest, drivers)
         left = [label for label in rest if label not in found]
         free = [robot for robot in dict.fromkeys(drivers.values()) if robot not in found.values()]
@@ -196,16 +198,16 @@ def _same(mentioned: Sequence[str], drivers: Mapping[str, str]) -> dict[str, str
 
 def _by_number(marks: Sequence[str], robots: Mapping[str, str]) -> dict[str, str]:
     """Labels and robots of the same number, where no two have one number."""
-    numbers = [number_of(label) for label in robots]
-    own = {number_of(label): robot for label, robot in robots.items()}
+    numbers = [label_number(label) for label in robots]
+    own = {label_number(label): robot for label, robot in robots.items()}
     own.pop(None, None)
-    given = [number_of(label) for label in marks]
+    given = [label_number(label) for label in marks]
     if len(set(numbers)) < len(numbers) or len(set(given)) < len(given):
         return {}
     return {m: own[n] for m, n in zip(marks, given, strict=True) if n in own}
 
 
-def _seen(truth: Sequence[Guess], robots: Mapping[str, str]) -> list[Guess]:
+def _name_truth(truth: Sequence[TopicGuess], robots: Mapping[str, str]) -> list[TopicGuess]:
     """Truth with the robots that it shows: the same label, or the same number behind like letters.
 
     What shows no robot of the team is left out; with one robot and one truth these belong together.
@@ -216,15 +218,17 @@ def _seen(truth: Sequence[Guess], robots: Mapping[str, str]) -> list[Guess]:
     exact |= {label.lower(): robot for label, robot in robots.items()}
     numbered: dict[int | None, dict[str, str]] = {}
     for label, robot in robots.items():
-        numbered.setdefault(number_of(label), {})[letters_of(label)] = robot
+        numbered.setdefault(label_number(label), {})[label_letters(label)] = robot
     numbered.pop(None, None)
     found = []
     for one in truth:
-        own = [label for label in labels(one.topic) if label not in common] or labels(one.topic)
+        own = [label for label in robot_labels(one.topic) if label not in common] or robot_labels(
+            one.topic
+        )
         pairs = [
             (label, shown)
             for label in own
-            if (shown := exact.get(label.lower()) or _shown(label, numbered)) is not None
+            if (shown := exact.get(label.lower()) or _robot_of_number(label, numbered)) is not None
         ]
         if len(pairs) == 0 and len(truth) == len(single) == 1:
             pairs = [(single[0], single[0])]
@@ -234,24 +238,24 @@ def _seen(truth: Sequence[Guess], robots: Mapping[str, str]) -> list[Guess]:
     return found
 
 
-def _shown(label: str, numbered: Mapping[int | None, Mapping[str, str]]) -> str | None:
+def _robot_of_number(label: str, numbered: Mapping[int | None, Mapping[str, str]]) -> str | None:
     """The one robot of the same number whose letters are alike."""
-    number, letters = number_of(label), letters_of(label)
+    number, letters = label_number(label), label_letters(label)
     if number is None:
         return None
     others = numbered.get(number, {})
-    like = {robot for other, robot in others.items() if _alike(letters, other)}
+    like = {robot for other, robot in others.items() if _is_abbreviation(letters, other)}
     return like.pop() if len(like) == 1 else None
 
 
-def _alike(a: str, b: str) -> bool:
+def _is_abbreviation(a: str, b: str) -> bool:
     """Whether two words may be one: turtlebot and turtle, tb and turtlebot; not anchor and tag."""
     short, long = sorted((a, b), key=len)
     rest = iter(long)
     return len(short) > 0 and long[0] == short[0] and all(letter in rest for letter in short)
 
 
-def robots_of(guesses: Collection[Guess]) -> list[str]:
+def guessed_robots(guesses: Collection[TopicGuess]) -> list[str]:
     """The team, those that drive first."""
     ordered = sorted(guesses, key=lambda one: one.kind != "odometry")
     return list(dict.fromkeys(robot for one in ordered for robot in one.ends))

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 
 from clt.core.errors import UsageError
-from clt.core.settings import nearest
+from clt.core.settings import did_you_mean
 from clt.log.faults import Faults
-from clt.log.recording.mapping.patterns import compiled
+from clt.log.recording.mapping.patterns import compile_topic_pattern
 from clt.log.recording.mapping.streamsfile import RangeStreams, RobotStreams, StreamsFile
-from clt.log.recording.metadata import NAME
-from clt.log.recording.roles import natural
+from clt.log.recording.metadata import ROBOT_NAME_PATTERN
+from clt.log.recording.roles import natural_key
 
-SHOWN = 5
+MAX_TOPICS_IN_LINE = 5
 """As many topics are named in one line."""
 
 
-def resolve(
+def resolve_streams(
     streams: StreamsFile, topics: Collection[str], place: str, faults: Faults
 ) -> StreamsFile:
     """The same file without patterns; topics that fit one but name no robot are faults.
@@ -26,10 +26,12 @@ def resolve(
     """
     for topic in sorted(streams.topics):
         if "{" not in topic and topic not in topics:
-            raise UsageError(f"{place} has no topic `{topic}`{nearest(topic, topics)}")
-        if "{" in topic and not any(compiled(topic).fullmatch(other) for other in topics):
-            raise UsageError(f"{place} has no topic like `{topic}`{nearest(topic, topics)}")
-    ordered = sorted(topics, key=natural)
+            raise UsageError(f"{place} has no topic `{topic}`{did_you_mean(topic, topics)}")
+        if "{" in topic and not any(
+            compile_topic_pattern(topic).fullmatch(other) for other in topics
+        ):
+            raise UsageError(f"{place} has no topic like `{topic}`{did_you_mean(topic, topics)}")
+    ordered = sorted(topics, key=natural_key)
     robots = _truth(streams, _odometry(streams, ordered), ordered, faults)
     if len(robots) == 0:
         raise UsageError(f"{place}: no topic like `{streams.odometry}` names a robot")
@@ -37,7 +39,9 @@ def resolve(
     for entry in ranges:
         for end in (entry.source, entry.target):
             if end is not None and end not in robots:
-                raise UsageError(f"{place}: {entry.topic}: no robot `{end}`{nearest(end, robots)}")
+                raise UsageError(
+                    f"{place}: {entry.topic}: no robot `{end}`{did_you_mean(end, robots)}"
+                )
     update = {"robots": robots, "ranges": ranges, "odometry": None, "ground_truth": None}
     return streams.model_copy(update=update)
 
@@ -53,14 +57,18 @@ def _odometry(streams: StreamsFile, topics: Sequence[str]) -> dict[str, RobotStr
     robots = dict(streams.robots)
     if streams.odometry is None:
         return robots
-    labels, pattern = _labels(robots), compiled(streams.odometry)
+    labels, pattern = _labels(robots), compile_topic_pattern(streams.odometry)
     for topic in topics:
         match = pattern.fullmatch(topic)
         if match is None or topic in streams.topics:
             continue
         name = labels.get(match["robot"], match["robot"])
         robot = robots.get(name, RobotStreams())
-        if NAME.fullmatch(name) is not None and robot.odometry is None and not robot.static:
+        if (
+            ROBOT_NAME_PATTERN.fullmatch(name) is not None
+            and robot.odometry is None
+            and not robot.static
+        ):
             robots[name] = robot.model_copy(update={"odometry": topic})
     return robots
 
@@ -72,7 +80,7 @@ def _truth(
     if streams.ground_truth is None:
         return robots
     robots = dict(robots)
-    labels, pattern = _labels(robots), compiled(streams.ground_truth)
+    labels, pattern = _labels(robots), compile_topic_pattern(streams.ground_truth)
     strange = []
     for topic in topics:
         match = pattern.fullmatch(topic)
@@ -84,7 +92,7 @@ def _truth(
         name = labels[match["robot"]]
         if robots[name].ground_truth is None:
             robots[name] = robots[name].model_copy(update={"ground_truth": topic})
-    _ignored(faults, streams.ground_truth, strange)
+    _report_ignored(faults, streams.ground_truth, strange)
     return robots
 
 
@@ -99,7 +107,10 @@ def _ranges(
             yield entry
             continue
         words = {"source": labels, "target": labels}
-        anything, known = compiled(entry.topic), compiled(entry.topic, words)
+        anything, known = (
+            compile_topic_pattern(entry.topic),
+            compile_topic_pattern(entry.topic, words),
+        )
         strange = []
         for topic in topics:
             if topic in taken or anything.fullmatch(topic) is None:
@@ -113,11 +124,13 @@ def _ranges(
                 continue
             taken.add(topic)
             yield one
-        _ignored(faults, entry.topic, strange)
+        _report_ignored(faults, entry.topic, strange)
 
 
-def _ignored(faults: Faults, pattern: str, topics: Sequence[str]) -> None:
+def _report_ignored(faults: Faults, pattern: str, topics: Sequence[str]) -> None:
     if len(topics) > 0:
-        some = ", ".join(topics[:SHOWN]) + (" ..." if len(topics) > SHOWN else "")
+        some = ", ".join(topics[:MAX_TOPICS_IN_LINE]) + (
+            " ..." if len(topics) > MAX_TOPICS_IN_LINE else ""
+        )
         text = f"{len(topics)} such topics name no robot of the team; not read: {some}"
         faults.add("unknown", pattern, text, count=len(topics))

@@ -8,18 +8,22 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from clt.core.document import Document
-from clt.core.recording import WORLD, Twist
-from clt.core.settings import Settings, parse, read_toml
-from clt.log.recording.mapping.patterns import check, compiled, places
-from clt.log.recording.metadata import NAME
+from clt.core.recording import WORLD_FRAME, TwistSampling
+from clt.core.settings import Settings, parse_settings, read_toml
+from clt.log.recording.mapping.patterns import (
+    check_placeholders,
+    compile_topic_pattern,
+    placeholders,
+)
+from clt.log.recording.metadata import ROBOT_NAME_PATTERN
 
-StampFrom = Literal["header", "log_time"]
-Positive = Annotated[float, Field(gt=0.0)]
-Id = Annotated[int, Field(ge=0, lt=2**16)]
+StampSource = Literal["header", "log_time"]
+PositiveNumber = Annotated[float, Field(gt=0.0)]
+RobotId = Annotated[int, Field(ge=0, lt=2**16)]
 
 
 class RobotStreams(Settings):
-    """The table `[robots.NAME]`."""
+    """The table `[robots.ROBOT_NAME_PATTERN]`."""
 
     odometry: str | None = None
     """Topic: nav_msgs/Odometry, geometry_msgs/TwistStamped or TwistWithCovarianceStamped."""
@@ -30,16 +34,16 @@ class RobotStreams(Settings):
     static: bool = False
     position: tuple[float, float] | None = None
     """Known position of a static robot, m."""
-    id: Id | None = None
+    id: RobotId | None = None
     """As clt_msgs/Range names it; otherwise robots count from 1."""
     antenna: tuple[float, float] = (0.0, 0.0)
     """In the body frame, m."""
-    twist: Twist = "mean"
-    sigma_v: Positive | None = None
+    twist: TwistSampling = "mean"
+    sigma_v: PositiveNumber | None = None
     """Odometry noise of one sample, m/s."""
-    sigma_omega: Positive | None = None
+    sigma_omega: PositiveNumber | None = None
     """The same, rad/s."""
-    stamp: StampFrom | None = None
+    stamp: StampSource | None = None
     """Overrides the `stamp` of the file."""
 
     @field_validator("alias", mode="before")
@@ -66,11 +70,11 @@ class RangeStreams(Settings):
     target: str | None = None
     field: str | None = None
     """Path of the range in the message, m before gain and offset."""
-    sigma: Positive | None = None
+    sigma: PositiveNumber | None = None
     """Standard deviation of the calibrated range, m."""
     gain: float = 1.0
     offset: float = 0.0
-    stamp: StampFrom | None = None
+    stamp: StampSource | None = None
 
     @property
     def pattern(self) -> bool:
@@ -79,8 +83,8 @@ class RangeStreams(Settings):
 
     @model_validator(mode="after")
     def _consistent(self) -> RangeStreams:
-        check(self.topic, ("source", "target"))
-        found = places(self.topic)
+        check_placeholders(self.topic, ("source", "target"))
+        found = placeholders(self.topic)
         for end in found:
             if getattr(self, end) is not None:
                 raise ValueError(f"`{self.topic}` gives the {end} already; leave one of them out")
@@ -102,9 +106,9 @@ class StreamsFile(Settings):
     """Pattern with {robot}: odometry of every robot that has such a topic, named by it."""
     ground_truth: str | None = None
     """Pattern with {robot}: truth of the robots that have such a topic."""
-    frame: Annotated[str, Field(min_length=1)] = WORLD
+    frame: Annotated[str, Field(min_length=1)] = WORLD_FRAME
     """Id of the frame in which the static positions are given."""
-    stamp: StampFrom = "header"
+    stamp: StampSource = "header"
     """Where stamps come from: the messages' headers where they have one, or `log_time`."""
 
     @model_validator(mode="after")
@@ -112,7 +116,7 @@ class StreamsFile(Settings):
         if len(self.robots) == 0 and self.odometry is None:
             raise ValueError("no robots; add a table [robots.NAME] for each")
         for name in self.robots:
-            if NAME.fullmatch(name) is None:
+            if ROBOT_NAME_PATTERN.fullmatch(name) is None:
                 raise ValueError(f"`{name}` is not a robot name: a letter, then letters, digits, _")
         ids = [robot.id for robot in self.robots.values() if robot.id is not None]
         if len(set(ids)) < len(ids):
@@ -128,8 +132,8 @@ class StreamsFile(Settings):
         for text in (self.odometry, self.ground_truth):
             if text is None:
                 continue
-            check(text, ("robot",))
-            if len(places(text)) == 0:
+            check_placeholders(text, ("robot",))
+            if len(placeholders(text)) == 0:
                 how = "for all robots it needs {robot}; that of one stands in [robots.NAME]"
                 raise ValueError(f"`{text}`: {how}")
         ends = [(entry.topic, end) for entry in self.ranges for end in (entry.source, entry.target)]
@@ -151,10 +155,12 @@ class StreamsFile(Settings):
     def wants(self, topic: str) -> bool:
         """Whether the file speaks of a topic."""
         return topic in self.topics or any(
-            compiled(text).fullmatch(topic) is not None for text in self.topics if "{" in text
+            compile_topic_pattern(text).fullmatch(topic) is not None
+            for text in self.topics
+            if "{" in text
         )
 
 
-def read_streams(source: Path | Document) -> StreamsFile:
+def read_streams_file(source: Path | Document) -> StreamsFile:
     """A streams file. Raises UsageError naming the file and the key."""
-    return parse(StreamsFile, read_toml(source), str(source))
+    return parse_settings(StreamsFile, read_toml(source), str(source))

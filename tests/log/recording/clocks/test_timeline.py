@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from clt.core.recording import Odometry, Recording
-from clt.log.recording.clocks.agreement import streams_of
-from clt.log.recording.clocks.excerpt import cut, part_of
-from clt.log.recording.clocks.findings import moment
-from clt.log.recording.clocks.parts import runs
-from clt.log.recording.clocks.timeline import faults_of, first_stamp, look
+from clt.log.recording.clocks.agreement import clock_streams
+from clt.log.recording.clocks.excerpt import cut_recording, extract_part
+from clt.log.recording.clocks.findings import stamp_text
+from clt.log.recording.clocks.parts import uninterrupted_runs
+from clt.log.recording.clocks.timeline import find_timeline, first_stamp, timeline_faults
 from tests.filters.teams import team_recording
 
 SECOND = 10**9
@@ -95,27 +95,27 @@ def same(a, b):
 
 
 def kinds(recording):
-    return [(one.kind, one.subject) for one in look(recording).findings]
+    return [(one.kind, one.subject) for one in find_timeline(recording).findings]
 
 
 def test_a_sound_log_has_nothing(plain, networked):
-    assert look(plain) is None
-    assert look(networked) is None
-    assert look(Recording(plain.team)) is None
+    assert find_timeline(plain) is None
+    assert find_timeline(networked) is None
+    assert find_timeline(Recording(plain.team)) is None
 
 
 def test_a_robot_that_joins_late_or_leaves_early_is_no_fault(plain, networked):
     for recording in (plain, networked):
         for slice_ in (slice(120, None), slice(0, 250), slice(120, 250)):
             odometry = recording.odometry | {"R2": rows(recording.odometry["R2"], slice_)}
-            assert look(replace(recording, odometry=odometry)) is None
+            assert find_timeline(replace(recording, odometry=odometry)) is None
 
 
 def test_a_gap_of_one_robot_is_no_fault(networked):
     stamp = networked.odometry["R2"].stamp - NOW
     there = np.flatnonzero((stamp < 3 * SECOND) | (stamp > 18 * SECOND))
     odometry = networked.odometry | {"R2": rows(networked.odometry["R2"], there)}
-    assert look(replace(networked, odometry=odometry)) is None
+    assert find_timeline(replace(networked, odometry=odometry)) is None
 
 
 def test_messages_that_queue_are_no_fault(networked):
@@ -124,7 +124,7 @@ def test_messages_that_queue_are_no_fault(networked):
         held = (since > 8 * SECOND) & (since < 14 * SECOND)
         return replace(one, log_time=np.where(held, NOW + 14 * SECOND, one.log_time))
 
-    assert look(every_table(networked, queue)) is None
+    assert find_timeline(every_table(networked, queue)) is None
 
 
 def test_a_log_recorded_at_another_pace_says_nothing_of_clocks(networked):
@@ -136,7 +136,7 @@ def test_a_log_recorded_at_another_pace_says_nothing_of_clocks(networked):
             log_time = NOW + np.rint(pace * (one.log_time - NOW)).astype(np.int64)
             return replace(one, log_time=log_time)
 
-        assert look(every_table(recording, change)) is None
+        assert find_timeline(every_table(recording, change)) is None
 
 
 def test_the_recorder_s_own_clock_may_be_set(networked):
@@ -149,35 +149,35 @@ def test_the_recorder_s_own_clock_may_be_set(networked):
 
         recording = every_table(networked, change)
         late = {"R2": rows(recording.odometry["R2"], slice(200, None))}
-        assert look(replace(recording, odometry=recording.odometry | late)) is None
+        assert find_timeline(replace(recording, odometry=recording.odometry | late)) is None
 
 
 def test_an_old_truth_of_a_static_robot_is_no_fault(networked):
     static = replace(networked.truth["R1"], stamp=networked.truth["R1"].stamp - 7200 * SECOND)
     recording = replace(networked, truth=networked.truth | {"S1": rows(static, slice(0, 1))})
-    assert look(recording) is None
+    assert find_timeline(recording) is None
 
 
 def test_sparse_ranges_of_a_standing_team_are_no_pauses():
     ranges = team_recording(moving=1, range_rate=1).ranges
     slow = moved(ranges, ranges.stamp * 40, ranges.stamp * 40)
     assert np.diff(slow.stamp).max() > 40 * SECOND
-    assert look(Recording(team_recording().team, ranges=slow)) is None
+    assert find_timeline(Recording(team_recording().team, ranges=slow)) is None
 
 
 @pytest.mark.parametrize("by", [NOW - 10 * SECOND, 86_400 * SECOND, 5 * SECOND, -5 * SECOND])
 def test_a_jump_of_all_clocks(networked, by):
     recording = jumped(networked, 6, by)
-    timeline = look(recording)
+    timeline = find_timeline(recording)
     assert kinds(recording) == [("clock_jump", ())]
     assert timeline.findings[0].size == pytest.approx(by / SECOND, abs=0.3)
     assert timeline.findings[0].at == pytest.approx(NOW + 6 * SECOND - by, abs=0.2 * SECOND)
-    late = cut(networked, NOW + 6 * SECOND, NOW + 100 * SECOND)
-    assert same(part_of(recording, timeline, timeline.parts[0]), late)
-    early = cut(networked, NOW, NOW + 6 * SECOND - 1)
+    late = cut_recording(networked, NOW + 6 * SECOND, NOW + 100 * SECOND)
+    assert same(extract_part(recording, timeline, timeline.parts[0]), late)
+    early = cut_recording(networked, NOW, NOW + 6 * SECOND - 1)
     assert timeline.parts[0].messages > timeline.parts[1].messages
     assert same(
-        part_of(recording, timeline, timeline.parts[1]),
+        extract_part(recording, timeline, timeline.parts[1]),
         every_table(early, lambda _, one: moved(one, -by)),
     )
 
@@ -185,11 +185,11 @@ def test_a_jump_of_all_clocks(networked, by):
 @pytest.mark.parametrize("by", [NOW - 10 * SECOND, 3600 * SECOND])
 def test_a_pause_or_a_jump_of_the_recorder_too(plain, by):
     recording = jumped(plain, 6, by, recorded=True)
-    timeline = look(recording)
+    timeline = find_timeline(recording)
     assert kinds(recording) == [("pause", ())]
     assert timeline.findings[0].size == pytest.approx(by / SECOND, abs=0.2)
-    chosen = part_of(recording, timeline, timeline.parts[0])
-    assert same(chosen, cut(plain, NOW + 6 * SECOND, NOW + 100 * SECOND))
+    chosen = extract_part(recording, timeline, timeline.parts[0])
+    assert same(chosen, cut_recording(plain, NOW + 6 * SECOND, NOW + 100 * SECOND))
 
 
 @pytest.mark.parametrize("by", [-1_690_000_000 * SECOND, 5 * SECOND, -5 * SECOND])
@@ -199,10 +199,10 @@ def test_a_robot_whose_clock_is_off(plain, networked, by, recorder):
     recording = by_clock(source, "R2", by)
     if recorder == "stamps":
         recording = every_table(recording, lambda _, one: replace(one, log_time=one.stamp))
-    timeline = look(recording)
+    timeline = find_timeline(recording)
     assert set(kinds(recording)) == {("clock_off", ("R2",))}
     assert timeline.findings[0].size == pytest.approx(by / SECOND, abs=0.3)
-    chosen = part_of(recording, timeline, timeline.parts[0])
+    chosen = extract_part(recording, timeline, timeline.parts[0])
     assert set(chosen.odometry) == {"R1", "R3"}
     other = source.ranges.source != source.team.index("R2")
     assert np.array_equal(chosen.ranges.stamp, source.ranges.stamp[other])
@@ -212,9 +212,9 @@ def test_one_robot_s_clock_is_set_on_the_way(networked):
     odometry = networked.odometry["R2"]
     by = np.where(odometry.stamp < NOW + 15 * SECOND, 0, 5 * SECOND)
     recording = replace(networked, odometry=networked.odometry | {"R2": moved(odometry, by)})
-    timeline = look(recording)
+    timeline = find_timeline(recording)
     assert kinds(recording) == [("clock_jump", ("R2",))]
-    chosen = part_of(recording, timeline, timeline.parts[0])
+    chosen = extract_part(recording, timeline, timeline.parts[0])
     assert same(replace(chosen, odometry={}), replace(networked, odometry={}))
     assert chosen.odometry["R2"].stamp[-1] < NOW + 15 * SECOND
 
@@ -222,9 +222,9 @@ def test_one_robot_s_clock_is_set_on_the_way(networked):
 def test_a_reference_whose_clock_is_off_is_left_out(networked):
     truth = {name: moved(one, 8 * SECOND) for name, one in networked.truth.items()}
     recording = replace(networked, truth=truth)
-    timeline = look(recording)
+    timeline = find_timeline(recording)
     assert sorted(kinds(recording)) == [("clock_off", (name,)) for name in ("R1", "R2", "R3")]
-    chosen = part_of(recording, timeline, timeline.parts[0])
+    chosen = extract_part(recording, timeline, timeline.parts[0])
     assert chosen.truth == {}
     assert same(replace(chosen, truth={}), replace(networked, truth={}))
 
@@ -236,18 +236,18 @@ def test_a_reference_recorded_at_its_stamps_is_believed(networked):
     ranges = replace(networked.ranges, log_time=networked.ranges.log_time + 100 * SECOND)
     truth = {n: replace(one, log_time=one.stamp) for n, one in networked.truth.items()}
     recording = replace(networked, odometry=odometry, ranges=ranges, truth=truth)
-    assert look(recording) is None
+    assert find_timeline(recording) is None
 
 
 def test_faults_say_who_where_and_how_much(networked):
     recording = by_clock(jumped(networked, 6, 3600 * SECOND), "R2", 50 * SECOND)
-    faults = faults_of(look(recording), "x.mcap")
+    faults = timeline_faults(find_timeline(recording), "x.mcap")
     assert {fault.kind for fault in faults} == {"clock_jump", "clock_off"}
     for fault in faults:
         assert fault.data_lost
         assert fault.text.startswith("x.mcap: ")
         assert set(fault.values) == {"at_s", "at_ns", "size_s"}
-        assert moment(int(fault.values["at_ns"])) in fault.text
+        assert stamp_text(int(fault.values["at_ns"])) in fault.text
     off = next(fault for fault in faults if fault.kind == "clock_off")
     assert off.subject == "R2"
 
@@ -255,21 +255,21 @@ def test_faults_say_who_where_and_how_much(networked):
 def test_a_part_without_ranges_is_not_preferred(plain):
     """However much odometry it has."""
     recording = jumped(plain, 15, 3600 * SECOND, recorded=True)
-    ranges = cut(recording, NOW, NOW + 100 * SECOND).ranges
-    timeline = look(replace(recording, ranges=ranges))
+    ranges = cut_recording(recording, NOW, NOW + 100 * SECOND).ranges
+    timeline = find_timeline(replace(recording, ranges=ranges))
     assert timeline.parts[0].begin >= NOW + 15 * SECOND
 
 
 def test_runs_are_those_of_all_data_together():
     stamp = np.arange(0, 200, 25) * SECOND
     between = np.array([10, 160, 1000, 1000]) * SECOND
-    begin, end = runs([stamp, between])
+    begin, end = uninterrupted_runs([stamp, between])
     assert (begin // SECOND).tolist() == [0, 1000]
     assert (end // SECOND).tolist() == [175, 1000]
 
 
 def test_streams_are_by_the_robot_that_measured(plain):
-    streams = streams_of(plain)
+    streams = clock_streams(plain)
     ranges = [stream for stream in streams if stream.role == "ranges"]
     assert sum(stream.stamp.size for stream in ranges) == plain.ranges.stamp.size
     for stream in ranges:
@@ -277,12 +277,12 @@ def test_streams_are_by_the_robot_that_measured(plain):
 
 
 def test_cut_keeps_what_lies_between(plain):
-    found = cut(plain, NOW + 5 * SECOND, NOW + 6 * SECOND)
+    found = cut_recording(plain, NOW + 5 * SECOND, NOW + 6 * SECOND)
     for table in (*found.odometry.values(), *found.truth.values(), found.ranges):
         assert table.stamp[0] >= NOW + 5 * SECOND
         assert table.stamp[-1] <= NOW + 6 * SECOND
     assert found.odometry["R1"].v.size == found.odometry["R1"].stamp.size == 21
-    nothing = cut(plain, 0, 1)
+    nothing = cut_recording(plain, 0, 1)
     assert nothing.odometry == {}
     assert first_stamp(nothing) is None
 
@@ -309,11 +309,11 @@ def test_any_columns_make_parts_or_nothing(plain, seed):
             )
 
         recording = every_table(plain, change)
-        timeline = look(recording)
+        timeline = find_timeline(recording)
         if timeline is not None:
             for part in timeline.parts[:5]:
-                chosen = part_of(recording, timeline, part)
+                chosen = extract_part(recording, timeline, part)
                 tables = (*chosen.odometry.values(), chosen.ranges)
                 assert all(np.all(np.diff(table.stamp) >= 0) for table in tables)
                 assert sum(table.stamp.size for table in tables) <= part.messages
-            assert len(faults_of(timeline, "x")) <= 3 * 4
+            assert len(timeline_faults(timeline, "x")) <= 3 * 4
