@@ -168,7 +168,8 @@ def used_part_text(timeline: Timeline, part: LogPart) -> str:
         lines.append(f"left out: {'; '.join(left)}")
     apart = [one for one in timeline.parts if one.end < part.begin or one.begin > part.end]
     others = [
-        f"--from {stamp_text(one.begin)} --to {stamp_text(one.end, later=True)} (messages: {one.messages})"
+        f"--from {stamp_text(one.begin)} --to {stamp_text(one.end, later=True)} "
+        f"(messages: {one.messages})"
         for one in apart[:MAX_OTHER_PARTS]
     ]
     if len(apart) > MAX_OTHER_PARTS:

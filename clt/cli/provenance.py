@@ -23,7 +23,7 @@ RECORDED_ARGUMENTS: ContextVar[Sequence[str] | None] = ContextVar("words", defau
 
 @contextmanager
 def record_as_command(words: Sequence[str]) -> Iterator[None]:
-    """Let the records written inside hold `clt RECORDED_ARGUMENTS...`: the command that does the same alone."""
+    """Let records hold `clt RECORDED_ARGUMENTS...`, the command that does the same alone."""
     token = RECORDED_ARGUMENTS.set(words)
     try:
         yield

@@ -1,8 +1,8 @@
 """Typed settings from TOML, `CLT_*` environment variables and `--set KEY=VALUE`.
 
 Precedence: defaults < file < environment < options. Unknown keys are refused with the nearest
-known one named. A settings type is a frozen pydantic model; `parse_settings` turns every fault of the
-input into one line.
+known one named. A settings type is a frozen pydantic model; `parse_settings` turns every fault of
+the input into one line.
 """
 
 from __future__ import annotations

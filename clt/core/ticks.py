@@ -16,7 +16,7 @@ RADIO_SPEED = 299_702_547.0
 
 
 def tick_difference(a: Indices, b: Indices) -> Indices:
-    """Signed a - b of two readings of a wrapping counter, in [-COUNTER_PERIOD_TICKS / 2, COUNTER_PERIOD_TICKS / 2)."""
+    """Signed a - b of two readings of a wrapping counter, within half a COUNTER_PERIOD_TICKS."""
     return (
         (a - b + COUNTER_PERIOD_TICKS // 2) & (COUNTER_PERIOD_TICKS - 1)
     ) - COUNTER_PERIOD_TICKS // 2

@@ -67,7 +67,8 @@ FAULT_DESCRIBERS: dict[str, Callable[[Mapping[str, Any], object], str]] = {
     "too_short": lambda context, _value: f"must have at least {context['min_length']} items",
     "too_long": lambda context, _value: f"must have at most {context['max_length']} items",
     "string_pattern_mismatch": lambda context, value: (
-        f"must be {PATTERN_WORDS.get(context['pattern'], 'spelt differently')}, not {toml_like(value)}"
+        f"must be {PATTERN_WORDS.get(context['pattern'], 'spelt differently')}, "
+        f"not {toml_like(value)}"
     ),
 }
 

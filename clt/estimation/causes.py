@@ -83,7 +83,7 @@ def is_world_frame(problem: Problem) -> bool:
 
 
 def worst_pairs(case: RerunCase, base: RunResiduals) -> list[int]:
-    """The pairs (as `range_pair_key` says) whose residuals are furthest from what they should be."""
+    """The pairs (by `range_pair_key`) whose residuals are furthest from what they should be."""
     table = case.problem.ranges
     z = np.clip(np.nan_to_num(base.z), -MAX_RESIDUAL_SIGMAS, MAX_RESIDUAL_SIGMAS)
     order = np.argsort(table.row, kind="stable")

@@ -176,7 +176,8 @@ def ambiguity_warnings(problem: Problem, solution: Solution) -> tuple[str, ...]:
         if share.size > 0 and share[-1] < MIN_UNIQUE_PROBABILITY:
             lines.append(
                 f"{name} is ambiguous: its most probable pose at the end has probability "
-                f"{share[-1]:.4f}, and {MIN_UNIQUE_PROBABILITY} is sure; longer or more winding driving of both "
+                f"{share[-1]:.4f}, and {MIN_UNIQUE_PROBABILITY} is sure; "
+                "longer or more winding driving of both "
                 "robots would tell"
             )
     return tuple(lines)

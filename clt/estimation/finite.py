@@ -16,7 +16,7 @@ MAX_MAGNITUDE = 1e12
 
 
 def finite_rows(*columns: Floats) -> NDArray[np.bool_]:
-    """Rows (n,) in which every number of some columns (n, ...) is finite and at most MAX_MAGNITUDE."""
+    """Rows (n,) where all numbers of columns (n, ...) are finite and at most MAX_MAGNITUDE."""
     good = [
         (np.abs(np.nan_to_num(c, nan=np.inf)) <= MAX_MAGNITUDE).all(axis=tuple(range(1, c.ndim)))
         for c in columns

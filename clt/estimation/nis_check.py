@@ -46,9 +46,9 @@ from clt.model.settings import FilterSettings
 from clt.model.solution import Solution
 
 FALSE_ALARM_PROBABILITY = 1e-3
-"""Probability that a consistent filter shows any of what is tested by pair, or its mean MAX_MEAN_NIS ..."""
+"""Probability that a consistent filter shows what is tested by pair, or its MAX_MEAN_NIS ..."""
 MAX_MEAN_NIS, MAX_PAIR_NIS, MAX_OFFSET_SIGMAS, MAX_AUTOCORRELATION = 1.3, 1.5, 0.35, 0.25
-"""... and what does harm: mean MAX_MEAN_NIS, that of a pair, mean and correlation of its residuals over
+"""... and what does harm: MAX_MEAN_NIS, that of a pair, mean and correlation of its residuals over
 their standard deviation and variance."""
 HINT_SHARE, BODY_FRAME_HINT_SHARE = 0.25, 0.7
 """A cause is looked for from this share of what does harm; in body frames, where linearization

@@ -52,7 +52,7 @@ class LogParameter(NamedTuple):
 
     kind: ParameterKind
     of: int = 0
-    """Its driver (late, scale, turn scale, bias), range end (offset, x, y), pair (as `range_pair_key`
+    """Its driver (late, scale, turn scale, bias), range end (offset, x, y), pair (`range_pair_key`
     says) or the team index of the robot that measured (ranges late)."""
 
 

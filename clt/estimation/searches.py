@@ -11,8 +11,10 @@ from clt.model.solution import Solution
 def found_robot_warnings(problem: Problem, solution: Solution) -> tuple[str, ...]:
     """One line for each robot whose estimate was replaced by one that its ranges fit better."""
     return tuple(
-        f"{name} was lost {times_in_words(found)}: many of its ranges contradicted the estimate, and a "
-        f"search found a pose that they fit{f' ({times_in_words(vain)} in vain)' if vain > 0 else ''}"
+        f"{name} was lost {times_in_words(found)}: "
+        "many of its ranges contradicted the estimate, and a "
+        "search found a pose that they fit"
+        f"{f' ({times_in_words(vain)} in vain)' if vain > 0 else ''}"
         for name, found, vain in search_counts(problem, solution)
         if found > 0
     )
@@ -21,7 +23,8 @@ def found_robot_warnings(problem: Problem, solution: Solution) -> tuple[str, ...
 def vain_search_remarks(problem: Problem, solution: Solution) -> tuple[str, ...]:
     """One line for each robot that was searched for and whose estimate stayed."""
     return tuple(
-        f"{name} looked lost {times_in_words(vain)}: many of its ranges contradicted the estimate, but a "
+        f"{name} looked lost {times_in_words(vain)}: "
+        "many of its ranges contradicted the estimate, but a "
         "search found no pose that they fit clearly better, so the estimate stayed"
         for name, found, vain in search_counts(problem, solution)
         if found == 0 and vain > 0

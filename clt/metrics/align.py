@@ -1,8 +1,8 @@
 """Bringing estimates into the truth's frame: proper rigid motions of the plane, and mirrors named.
 
 The mirror image of a team has the same ranges as the team itself, so a mirrored estimate is the
-mistake to expect. Alignments here turn and shift, never reflect (det = +1); `fits_better_mirrored` tells when
-a reflection would have fitted clearly better.
+mistake to expect. Alignments here turn and shift, never reflect (det = +1); `fits_better_mirrored`
+tells when a reflection would have fitted clearly better.
 """
 
 from __future__ import annotations

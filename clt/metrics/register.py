@@ -2,7 +2,8 @@
 
 Joint alignments are one transform for the whole team. `se2` is fitted to all matched positions of
 all estimated robots, moving and static; `anchor_positions` to one point per static robot, its mean
-estimate or else its known position; `transform_of_pose` to one pose. Relative estimates are never aligned.
+estimate or else its known position; `transform_of_pose` to one pose. Relative estimates are never
+aligned.
 """
 
 from __future__ import annotations
@@ -72,8 +73,8 @@ def choose_alignment(
 ) -> AlignMethod:
     """The alignment to use.
 
-    By default `none` when the frames are one, else `anchor_positions` with two static robots that have
-    truth, else `se2`. Raises UsageError for an alignment of relative estimates.
+    By default `none` when the frames are one, else `anchor_positions` with two static robots that
+    have truth, else `se2`. Raises UsageError for an alignment of relative estimates.
     """
     if scene.relative:
         if wanted not in {None, "none"}:

@@ -72,9 +72,9 @@ def inflate_by_arrived_ranges(
 def replay_epochs(arrival: Stamps, start: int, end: int, others: Sequence[Stamps] = ()) -> Stamps:
     """When estimates are made from `start` to `end` (ns): at a robot's arriving odometry.
 
-    At most every MIN_EPOCH_STEP_NS, and when nothing arrives, every MAX_EPOCH_STEP_NS. Once nothing of `others`
-    has arrived either for MAX_SILENT_EPOCHS such steps, the next one leads to what comes then: a pause
-    costs no more for being long.
+    At most every MIN_EPOCH_STEP_NS, and when nothing arrives, every MAX_EPOCH_STEP_NS. Once
+    nothing of `others` has arrived either for MAX_SILENT_EPOCHS such steps, the next one leads to
+    what comes then: a pause costs no more for being long.
     """
     anything = np.sort(np.concatenate([arrival, *others]))
     times, silent = [start], 0

@@ -110,7 +110,8 @@ def propagate_rows(
 
 @compiled_noalloc
 def propagate_columns(
-    P: Floats, F: Floats, G: Floats, space: StateSpace, k: int, r: int, s: int, u: float, turn: float,
+    P: Floats, F: Floats, G: Floats, space: StateSpace, k: int, r: int, s: int, u: float,
+    turn: float,
     dt: float,
 ) -> None:  # fmt: skip
     """Row r of P <- P F^T in the columns of the k-th moved block."""

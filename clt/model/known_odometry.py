@@ -45,7 +45,7 @@ class OdometryStatistics:
     gap: tuple[Floats, Floats]
     """Variance of (v, omega) in a gap of LAG_PERIODS periods, (L,) each."""
     growth: tuple[Floats, Floats]
-    """How fast the variance of the integral of a held (v, omega) grows before LAG_PERIODS periods."""
+    """Growth of the variance of the integral of a held (v, omega) before LAG_PERIODS periods."""
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ def block_offset(x: Floats, k: int, o: int, centre: Floats) -> tuple[float, floa
 
 @compiled_noalloc
 def squared_mahalanobis(d: tuple[float, float, float], C: Floats, factor: float) -> float:
-    """d^T C^-1 d for the symmetric C (3, 3), scaled by `factor` and with VARIANCE_FLOOR on its diagonal.
+    """d^T C^-1 d for a symmetric C (3, 3), scaled by `factor`, with VARIANCE_FLOOR on its diagonal.
 
     By C = L D L^T.
     """
@@ -164,8 +164,8 @@ def particle_mode_probability(
 ) -> float:
     """Weight of the particles in the leading mode of block i.
 
-    From the densest place, a Gaussian is fitted again and again to the particles MODE_MEMBER_MAHALANOBIS_SQ it.
-    covariance (3, 3) is that of all; scratch (8, 3).
+    From the densest place, a Gaussian is fitted again and again to the particles
+    MODE_MEMBER_MAHALANOBIS_SQ it. covariance (3, 3) is that of all; scratch (8, 3).
     """
     o = 3 * i
     first = densest_particle(x, o, covariance)

@@ -35,7 +35,7 @@ class StateSpace(NamedTuple):
     forward: Indices
     """1 where the driver is the block's `who`, 0 where its `base`."""
     calibration: Indices
-    """State index of each driver's three odometry errors (`corrected_twist`) behind the blocks, shape (D,);
+    """State index of each driver's three odometry errors (`corrected_twist`), shape (D,);
     -1 of a driver whose errors are not in the state."""
 
 

@@ -37,9 +37,8 @@ def advise(
     remedy = f"; remedy: {remedy_choices(found)}" if len(found.remedies) > 0 else ""
     names = [direction.name for direction in found.unobservable]
     more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
-    return (
-        f"ranges cannot tell {', '.join(names[:MAX_LISTED])}{more}: such errors never shrink{remedy}",
-    )
+    listed = ", ".join(names[:MAX_LISTED])
+    return (f"ranges cannot tell {listed}{more}: such errors never shrink{remedy}",)
 
 
 def remedy_choices(found: Analysis) -> str:

@@ -21,8 +21,8 @@ def link_receptions(
 ) -> None:
     """Fill `row` (n, robots) with that of the packet with each heard sequence number.
 
-    All of `row`, of the memory `known` (robots, REMEMBERED_PACKETS) and of the latest rows `told`, [receiver,
-    sender], is -1 before.
+    All of `row`, of the memory `known` (robots, REMEMBERED_PACKETS) and of the latest rows `told`,
+    [receiver, sender], is -1 before.
     """
     n, robots = heard.shape
     for k in range(n):

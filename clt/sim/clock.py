@@ -47,7 +47,8 @@ class RadioClock:
     def send(self, planned: Indices) -> tuple[Indices, Indices, Floats]:
         """When packets planned for true times `planned` (ticks) really leave, shape (n,).
 
-        Returns the reading (a multiple of TRANSMIT_GRID_TICKS, unwrapped) and the true time as base and rest.
+        Returns the reading (a multiple of TRANSMIT_GRID_TICKS, unwrapped) and the true time as
+        base and rest.
         """
         base, rest = self.read(planned, np.zeros(planned.size))
         reading = (

@@ -51,7 +51,7 @@ class MotionState:
 def path_of_twists(
     t: Floats, v: Floats, omega: Floats, start: tuple[float, float, float]
 ) -> DrivenPath:
-    """Integrate twists v (m/s) and omega (rad/s) at knots t (s, increasing, at most MAX_KNOT_STEP_S apart)."""
+    """Integrate twists v (m/s), omega (rad/s) at knots t (s), at most MAX_KNOT_STEP_S apart."""
     dt = np.diff(t)
     turned = dt * (omega[:-1] + omega[1:]) / 2.0
     heading = start[2] + _running_sum(turned)

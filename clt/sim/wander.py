@@ -99,7 +99,7 @@ def _steer(
 
 
 def _step(v: float, omega: float, new_v: float, new_omega: float) -> tuple[float, float]:
-    """Displacement (m) in one MAX_KNOT_STEP_S along and across the heading in its middle, to order 4."""
+    """Displacement (m) in a MAX_KNOT_STEP_S along and across the heading in its middle, order 4."""
     mean_v, mean_omega = (v + new_v) / 2.0, (omega + new_omega) / 2.0
     along = mean_v * MAX_KNOT_STEP_S * (1.0 - (mean_omega * MAX_KNOT_STEP_S) ** 2 / 24.0)
     across = (

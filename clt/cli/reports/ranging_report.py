@@ -29,7 +29,8 @@ def print_ranging_summary(console: Console, found: RangedRecording) -> None:
     """A few lines for people."""
     count = found.recording.ranges.stamp.size
     console.say(
-        f"UWB packets: {count} ranges of {len(found.clocks)} pairs by {RANGING_METHOD_TITLES[found.method]} "
+        f"UWB packets: {count} ranges of {len(found.clocks)} pairs by "
+        f"{RANGING_METHOD_TITLES[found.method]} "
         f"({found.why})"
     )
     for (a, b), one in found.clocks.items():

@@ -4,8 +4,9 @@ All robots of the team are run as they would on their own boards; the estimates 
 of the ego, the relative poses of all others in its body frame. Each round (`rounds`) a robot
 weighs its own ranges against what it holds, the robots that hear each other average what these
 said (`consensus`), and each corrects its own belief. What they average is the log-likelihood of
-particles that all share (`make_particle_member`) or that of the distances (`make_gaussian_member`). Their relative
-headings are part of the state; the paper freezes them at the start.
+particles that all share (`make_particle_member`) or that of the distances
+(`make_gaussian_member`). Their relative headings are part of the state; the paper freezes them at
+the start.
 """
 
 from __future__ import annotations

@@ -4,7 +4,8 @@ The log-likelihood of what one robot measured to another is a parabola in their 
 l(rho) = b rho - c rho^2 / 2 with c = sum 1 / R and b = sum z / R: two numbers, and a third that is
 one for the measurer alone. Consensus scales all three by the same share, so their quotients are
 exact as soon as the measurer's numbers have come at all, however few iterations there are. Every
-robot then corrects what it holds itself: as few Gaussians as its own knowledge needs (`mixture_kernel`).
+robot then corrects what it holds itself: as few Gaussians as its own knowledge needs
+(`mixture_kernel`).
 """
 
 from __future__ import annotations

@@ -169,7 +169,8 @@ def particle_distances(x: Floats, lever: Floats, table: RangeTable, h: Floats) -
 
 @compiled_noalloc
 def write_particle_outputs(
-    cloud: SharedParticles, outputs: Outputs, drive: RoundTwists, space: StateSpace, seed: np.uint64, none: Floats,
+    cloud: SharedParticles, outputs: Outputs, drive: RoundTwists, space: StateSpace,
+    seed: np.uint64, none: Floats,
     scratch: Floats, trace: MixtureOutput,
 ) -> None:  # fmt: skip
     """Moments and leading share of each output's block at its time."""

@@ -106,7 +106,8 @@ class Outage(NamedTuple):
 def twist_statistics(problem: Problem) -> Floats:
     """Of each driver: mean square of v, and how much v and omega change in the long run.
 
-    Shape (D, 3), (m/s)^2 and (rad/s)^2: twice their variances, as `inputs.structure_function` has it.
+    Shape (D, 3), (m/s)^2 and (rad/s)^2: twice their variances, as `inputs.structure_function` has
+    it.
     """
     segments, rows_ = problem.segments, []
     for first, last in zip(segments.first[:-1], segments.first[1:], strict=True):
@@ -194,7 +195,8 @@ def drive_along_odometry(
 
 @compiled_noalloc
 def distance_changes(
-    path: PropagatedState, space: StateSpace, lever: Floats, segments: TwistSegments, own: RangeTable, end: int,
+    path: PropagatedState, space: StateSpace, lever: Floats, segments: TwistSegments,
+    own: RangeTable, end: int,
     way: Floats, change: Floats, added: Floats,
 ) -> None:  # fmt: skip
     """How much the distance of each range changes until `end` (ns), and the variance of that.

@@ -177,7 +177,7 @@ def count_unreachable(
 
 
 def unreachable_seconds(team: DistributedTeam) -> dict[str, float]:
-    """Seconds in all that robots could not reach the ego, of those with more than MAX_SILENCE_NS."""
+    """Seconds that robots could not reach the ego, of those with more than MAX_SILENCE_NS."""
     return {
         name: 1e-9 * float(apart)
         for name, apart in zip(team.problem.drivers, team.apart, strict=True)

@@ -61,7 +61,7 @@ class EskfMemory(NamedTuple):
     """What a run needs beside mean and covariance to go on where an earlier one stopped."""
 
     shift: Floats
-    """How far ranges moved each block since its last step, shape (B, 2), m; see `propagate_world_block`."""
+    """How far ranges moved each block since its last step (`propagate_world_block`), (B, 2), m."""
 
 
 class EskfState(NamedTuple):
@@ -76,7 +76,7 @@ class EskfState(NamedTuple):
     cursor: Indices
     """The twist segment that each driver is in."""
     shift: Floats
-    """How far ranges moved each block since its last step, shape (B, 2), m; see `propagate_world_block`."""
+    """How far ranges moved each block since its last step (`propagate_world_block`), (B, 2), m."""
     F: Floats
     """Scratch of `propagate_blocks`, shape (B, 2)."""
     G: Floats
@@ -225,7 +225,8 @@ def write_pose_output(
 
 @compiled_noalloc
 def add_output_curvature(
-    state: EskfState, space: StateSpace, segments: TwistSegments, ranges: RangeTable, m: int, outputs: Outputs,
+    state: EskfState, space: StateSpace, segments: TwistSegments, ranges: RangeTable, m: int,
+    outputs: Outputs,
     o: int, free: UnobservableDirections, run: KalmanOutput,
 ) -> None:  # fmt: skip
     """Add to output o that a wide turn leads along a circle; found with the first of an instant."""
@@ -236,7 +237,8 @@ def add_output_curvature(
 
 @compiled_noalloc
 def eskf_kernel(
-    state: EskfState, start: int, end: int, space: StateSpace, lever: Floats, segments: TwistSegments,
+    state: EskfState, start: int, end: int, space: StateSpace, lever: Floats,
+    segments: TwistSegments,
     ranges: RangeTable, outputs: Outputs, gate: float, form: int, first: bool,
     free: UnobservableDirections, large: int | None, work: UpdateWorkspace, run: KalmanOutput,
 ) -> None:  # fmt: skip

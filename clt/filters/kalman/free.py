@@ -127,7 +127,8 @@ def turn_direction(
 
 @compiled_noalloc
 def unobservable_in_world(
-    x: Floats, space: StateSpace, ranges: RangeTable, first: int, last: int, segments: TwistSegments,
+    x: Floats, space: StateSpace, ranges: RangeTable, first: int, last: int,
+    segments: TwistSegments,
     free: UnobservableDirections, out: Floats,
 ) -> int:  # fmt: skip
     """What the ranges first .. last - 1 do not tell of poses in the world; rows of `out`.
@@ -160,7 +161,8 @@ def unobservable_in_world(
 
 @compiled_noalloc
 def unobservable_directions(
-    x: Floats, space: StateSpace, ranges: RangeTable, first: int, last: int, segments: TwistSegments,
+    x: Floats, space: StateSpace, ranges: RangeTable, first: int, last: int,
+    segments: TwistSegments,
     cursor: Indices, free: UnobservableDirections, out: Floats,
 ) -> int:  # fmt: skip
     """Changes of the state x that the ranges first .. last - 1 do not tell, rows of `out`; count.

@@ -121,7 +121,8 @@ def add_process_noise(
 
 @compiled_noalloc
 def propagate_sigma_points(
-    state: UkfState, points: SigmaPoints, space: StateSpace, segments: TwistSegments, ranges: RangeTable, m: int,
+    state: UkfState, points: SigmaPoints, space: StateSpace, segments: TwistSegments,
+    ranges: RangeTable, m: int,
     free: UnobservableDirections, dt: float, form: int,
 ) -> None:  # fmt: skip
     """All drivers move for dt seconds with the twists of their segments: x and P, in place.
@@ -165,7 +166,8 @@ def draw_observable_points(
 
 @compiled_noalloc
 def propagate_to_time(
-    state: UkfState, points: SigmaPoints, space: StateSpace, segments: TwistSegments, ranges: RangeTable, m: int,
+    state: UkfState, points: SigmaPoints, space: StateSpace, segments: TwistSegments,
+    ranges: RangeTable, m: int,
     free: UnobservableDirections, now: int, until: int, form: int,
 ) -> None:  # fmt: skip
     """From the time `now` to `until` (ns), in steps of constant twists."""
@@ -186,7 +188,8 @@ def propagate_to_time(
 
 @inlined
 def range_moments(
-    x: Floats, points: SigmaPoints, lever: Floats, ranges: RangeTable, row: int, measured: MeasurementMoments,
+    x: Floats, points: SigmaPoints, lever: Floats, ranges: RangeTable, row: int,
+    measured: MeasurementMoments,
     j: int,
 ) -> tuple[float, float]:  # fmt: skip
     """Mean and variance of range `row` over the sigma points; its halves to column j."""
@@ -230,7 +233,8 @@ def unscented_innovations(
 @compiled_noalloc
 def unscented_update(
     state: UkfState, points: SigmaPoints, lever: Floats, ranges: RangeTable, first: int, last: int,
-    gate: float, space: StateSpace, segments: TwistSegments, free: UnobservableDirections, measured: MeasurementMoments, run: KalmanOutput,
+    gate: float, space: StateSpace, segments: TwistSegments, free: UnobservableDirections,
+    measured: MeasurementMoments, run: KalmanOutput,
 ) -> None:  # fmt: skip
     """Gate and fuse the ranges of one instant."""
     x, P, cursor = state.x, state.P, state.cursor

@@ -1,8 +1,8 @@
 """Joint Kalman update with many scalar measurements of one instant, in place.
 
 All measurements share the linearization point, as in the textbook batch update: `count` rows of H
-with at most six entries that are not zero (a range touches two robots). `sequential_update` and `batch_update`
-give the same posterior; their costs grow as count N^2 and N^3.
+with at most six entries that are not zero (a range touches two robots). `sequential_update` and
+`batch_update` give the same posterior; their costs grow as count N^2 and N^3.
 """
 
 from __future__ import annotations

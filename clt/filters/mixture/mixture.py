@@ -2,10 +2,10 @@
 
 One range leaves a relative pose on a ring, and driving straight leaves mirror images: one Gaussian
 cannot hold that. Before a range is fused, a Gaussian that is wide across the line of sight, or
-whose heading was uncertain while its robot drove, is split (`narrow_for_range`), so that the curvature over
-each part is below the noise of the range. The evidence of the ranges then tells the parts
-apart, and those that it refuted or that came together again go (`reduction`): once the answer is
-unique the cost is that of one filter.
+whose heading was uncertain while its robot drove, is split (`narrow_for_range`), so that the
+curvature over each part is below the noise of the range. The evidence of the ranges then tells the
+parts apart, and those that it refuted or that came together again go (`reduction`): once the
+answer is unique the cost is that of one filter.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ MAX_FILL_SHARE = 0.7
 CAPACITY_FACTOR = 4
 """Room for so many times the Gaussians that are kept, for splits."""
 MAX_SMALL_TEAM_BLOCKS, SMALL_TEAM_GAUSSIANS, LARGE_TEAM_GAUSSIANS = 2, 1000, 100
-"""Gaussians kept of up to MAX_SMALL_TEAM_BLOCKS blocks, which may begin anywhere on a ring, and of more."""
+"""Gaussians kept of up to MAX_SMALL_TEAM_BLOCKS blocks, which may begin on a ring; of more."""
 
 
 def solve_mixture(problem: Problem, settings: FilterSettings) -> Solution:
@@ -76,7 +76,8 @@ def gaussians_kept(problem: Problem, settings: FilterSettings) -> int:
 
 @compiled_noalloc
 def mixture_kernel(
-    bank: GaussianSum, end: int, space: StateSpace, lever: Floats, segments: TwistSegments, ranges: RangeTable,
+    bank: GaussianSum, end: int, space: StateSpace, lever: Floats, segments: TwistSegments,
+    ranges: RangeTable,
     outputs: Outputs, gate: float, desk: MergeWorkspace, trace: MixtureOutput,
 ) -> None:  # fmt: skip
     """The filter over a whole log: fills `trace`; `bank` ends as the last posterior."""

@@ -1,8 +1,8 @@
 """Keeping a bank small: hypotheses that the ranges refuted go, those that came together merge.
 
 Two Gaussians merge, with their common moments, where that changes little: Runnalls' bound (2007)
-on the Kullback-Leibler divergence, for the two alone, is below MAX_MERGE_DIVERGENCE. Covariances are compared
-with a floor, as some of a state may be certain.
+on the Kullback-Leibler divergence, for the two alone, is below MAX_MERGE_DIVERGENCE. Covariances
+are compared with a floor, as some of a state may be certain.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ MERGE_VARIANCE_FLOOR = 1e-4
 
 @compiled_noalloc
 def log_determinant(P: Floats, L: Floats) -> float:
-    """Of P + MERGE_VARIANCE_FLOOR I; L is scratch for its Cholesky factor. Infinite where P is no covariance."""
+    """Of P + MERGE_VARIANCE_FLOOR I, with L for its Cholesky factor; infinite if not positive."""
     total = 0.0
     for i in range(P.shape[0]):
         for j in range(i + 1):

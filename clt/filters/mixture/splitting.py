@@ -114,8 +114,8 @@ def draw_narrower(bank: GaussianSum, k: int, row: int, width: float) -> bool:
 def heading_grid(sigma: float, width: float) -> tuple[Floats, Floats, float]:
     """Places (rad), weights and the variance left to the parts of a heading N(0, sigma^2).
 
-    Up to FULL_CIRCLE_SIGMA the variance of the whole is sigma^2. Beyond, one turn of equal steps, with the
-    density wrapped round the circle.
+    Up to FULL_CIRCLE_SIGMA the variance of the whole is sigma^2. Beyond, one turn of equal steps,
+    with the density wrapped round the circle.
     """
     if sigma < FULL_CIRCLE_SIGMA:
         width = min(width, MAX_SPLIT_WIDTH * sigma)

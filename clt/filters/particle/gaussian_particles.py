@@ -2,9 +2,9 @@
 
 A point in a dozen dimensions is hardly ever near the truth; a Gaussian is pulled there by the
 ranges. Only what is not linear is left to chance (Rao-Blackwell): a particle that is too wide for
-a range is narrowed in that direction by moving it at random within its own width (`narrow_for_range`).
-Where the weights have become uneven, the particles are drawn anew. The cost stays the same from
-beginning to end.
+a range is narrowed in that direction by moving it at random within its own width
+(`narrow_for_range`). Where the weights have become uneven, the particles are drawn anew. The cost
+stays the same from beginning to end.
 """
 
 from __future__ import annotations
@@ -60,7 +60,8 @@ def solve_gaussian_particles(problem: Problem, settings: FilterSettings) -> Solu
     )  # fmt: skip
     return Solution(
         trace.mean, trace.covariance, trace.residual, trace.variance, trace.verdict,
-        np.zeros(len(problem.robots), np.int64), gaussian_sum_belief(bank), trace.share, memory=gaussian_sum_memory(bank),
+        np.zeros(len(problem.robots), np.int64), gaussian_sum_belief(bank),
+        trace.share, memory=gaussian_sum_memory(bank),
     )  # fmt: skip
 
 
@@ -87,7 +88,8 @@ def resample_gaussians(bank: GaussianSum, copies: Indices, source: Indices) -> N
 
 @compiled_noalloc
 def gaussian_particles_kernel(
-    bank: GaussianSum, end: int, space: StateSpace, lever: Floats, segments: TwistSegments, ranges: RangeTable,
+    bank: GaussianSum, end: int, space: StateSpace, lever: Floats, segments: TwistSegments,
+    ranges: RangeTable,
     outputs: Outputs, gate: float, seed: int, copies: Indices, source: Indices, scratch: Floats,
     trace: MixtureOutput,
 ) -> None:  # fmt: skip

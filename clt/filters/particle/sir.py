@@ -187,7 +187,8 @@ def resample_particles(cloud: ParticleSet, blocks: int, mutual: bool) -> None:
 
 @compiled_noalloc
 def sir_kernel(
-    cloud: ParticleSet, end: int, space: StateSpace, lever: Floats, segments: TwistSegments, ranges: RangeTable,
+    cloud: ParticleSet, end: int, space: StateSpace, lever: Floats, segments: TwistSegments,
+    ranges: RangeTable,
     outputs: Outputs, gate: float, seed: int, mutual: bool, trace: MixtureOutput,
 ) -> None:  # fmt: skip
     """The filter over a whole log: fills `trace`; `cloud` ends as the last posterior."""

@@ -43,7 +43,8 @@ def moving_truth(recording: Recording) -> dict[str, Poses]:
             )
         topics = ", ".join(f"/{name}/ground_truth" for name in names)
         raise CltError(
-            f"no ground truth for {', '.join(names)}: --init truth needs {topics}; {POSES_FILE_REMEDY}"
+            f"no ground truth for {', '.join(names)}: --init truth needs {topics}; "
+            f"{POSES_FILE_REMEDY}"
         )
     return truths
 
@@ -51,8 +52,8 @@ def moving_truth(recording: Recording) -> dict[str, Poses]:
 def first_instant(recording: Recording, truths: Mapping[str, Poses]) -> tuple[int, list[str]]:
     """The first time (ns) at which most robots have truth and odometry, and those robots.
 
-    Truth holds at its stamps and between stamps at most MAX_TRUTH_GAP_S apart. Raises CltError where no
-    robot has both at any time.
+    Truth holds at its stamps and between stamps at most MAX_TRUTH_GAP_S apart. Raises CltError
+    where no robot has both at any time.
     """
     begin = {name: odometry_start(recording, name) for name in truths}
     starts = [_span_starts(truth.stamp) for truth in truths.values()]

@@ -19,7 +19,7 @@ def farthest_pair(points: list[Floats]) -> tuple[Floats, Floats]:
 
 
 def are_collinear(points: list[Floats]) -> bool:
-    """No point is off the line of the two furthest apart by more than MAX_OFF_LINE_SHARE of its length."""
+    """No point is off the line of the two furthest apart by MAX_OFF_LINE_SHARE of its length."""
     a, b = farthest_pair(points)
     length = float(np.hypot(*(b - a)))
     off = [abs((b - a)[0] * (p - a)[1] - (b - a)[1] * (p - a)[0]) / length for p in points]

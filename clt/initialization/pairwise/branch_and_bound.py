@@ -68,7 +68,7 @@ DESCENT_TRIALS = 6
 MAX_CELLS = 20_000
 """Cells at most; a posterior that would need more is told in coarser ones, and never unique."""
 CELL_FIELDS = COST_FIELDS + 4
-"""Numbers of a cell: what `evaluate_cost` tells, its half widths and its nearest and farthest distance."""
+"""Numbers of a cell: those of `evaluate_cost`, half widths, nearest and farthest distance."""
 HALF_THETA, HALF_PHI, CELL_NEAREST, CELL_FARTHEST = range(COST_FIELDS, CELL_FIELDS)
 SPLIT_DISTANCE, SPLIT_NOTHING = 2, 3
 """What to halve beside theta (0) and phi (1): the distances, or nothing."""
@@ -93,10 +93,11 @@ def pair_subset(pair: PairRanges, rows: Indices) -> PairRanges:
 def search_cells(
     pair: PairRanges, few: PairRanges, turns: bool, enough: float
 ) -> tuple[Floats, float, bool, float]:
-    """Cells (m, CELL_FIELDS) that hold all of the posterior; what cost odometry noise may fake; all done.
+    """Cells (m, CELL_FIELDS) of all the posterior; what cost odometry noise may fake; all done.
 
-    Not all are done where there would be more than MAX_CELLS: the rest is coarse, and may hide minima.
-    Also tells the least cost that least squares found; no cells where that is more than `enough`.
+    Not all are done where there would be more than MAX_CELLS: the rest is coarse, and may hide
+    minima. Also tells the least cost that least squares found; no cells where that is more than
+    `enough`.
 
     `few` is the pair with some of its ranges only. Without `turns` phi stays 0: robot j is static
     and has no heading that could be told.
@@ -121,7 +122,7 @@ def search_cells(
 def best_descent_cost(
     pair: PairRanges, few: PairRanges, turns: bool, work: BoundWorkspace
 ) -> float:
-    """The least cost that least squares lead to from all around; its `evaluate_cost` is left in `work`."""
+    """The least cost that least squares find from all around; its `evaluate_cost` is in `work`."""
     found = descend_from_all_sides(pair, few, turns, work)
     best = found[np.argmin(found[:, 0])]
     none = np.zeros(pair.z.size)
@@ -180,7 +181,7 @@ def bound_cell(pair: PairRanges, work: BoundWorkspace, cell: Floats, most: float
 def subdivide(
     pair: PairRanges, work: BoundWorkspace, cells: Floats, most: float
 ) -> tuple[Floats, bool]:
-    """Halve cells (as `angle_cells` tells them) until the cost hardly changes within: (m, CELL_FIELDS).
+    """Halve cells (of `angle_cells`) until the cost hardly changes within: (m, CELL_FIELDS).
 
     What is left out costs more than `most`. Also tells whether all could be done.
     """
@@ -244,7 +245,7 @@ def allowed_change(out: Floats, cell: Floats, most: float) -> float:
 def next_split(
     pair: PairRanges, work: BoundWorkspace, none: Floats, low: float, high: float, most: float
 ) -> int:
-    """SPLIT_NOTHING where one Gaussian tells the distances low .. high (m) of a direction, else SPLIT_DISTANCE.
+    """SPLIT_NOTHING where one Gaussian holds distances low .. high (m), else SPLIT_DISTANCE.
 
     `work` becomes the linearization at the best of them, which must keep what it promises, there
     and all along.

@@ -64,12 +64,12 @@ def evaluate_cost(
     """Weigh a direction and a turn (rad) with the best distance for them in low .. high (m).
 
     All is linearized at `d` (m), and W taken there. Variances are `more` (n,) larger than those of
-    the pair, m^2. `out` (COST_FIELDS,) receives, all as the linearization promises: the best distance;
-    the cost r^T W^-1 r of the best one without bounds, which lies DISTANCE_STEP AT_DISTANCE and moves with theta
-    and phi (D_THETA, D_PHI; m / rad); log det W; the variance of d; gradient and Hessian
-    (Gauss-Newton, d gone) of half the cost. `L` (n, n) is left with the factor of W, `y` (n, 8)
-    with residuals and derivatives by d, theta and phi, whitened, and with the lines of sight as
-    both robots see them.
+    the pair, m^2. `out` (COST_FIELDS,) receives, all as the linearization promises: the best
+    distance; the cost r^T W^-1 r of the best one without bounds, which lies DISTANCE_STEP
+    AT_DISTANCE and moves with theta and phi (D_THETA, D_PHI; m / rad); log det W; the variance of
+    d; gradient and Hessian (Gauss-Newton, d gone) of half the cost. `L` (n, n) is left with the
+    factor of W, `y` (n, 8) with residuals and derivatives by d, theta and phi, whitened, and with
+    the lines of sight as both robots see them.
     """
     n = pair.z.size
     c, s = np.cos(phi), np.sin(phi)

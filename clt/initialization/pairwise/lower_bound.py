@@ -85,8 +85,8 @@ def excluded_distance(
     """How far from the best distance (m) the cost is above `most` everywhere in a cell.
 
     Infinite where that holds for the whole cell, 0 where not even at the best distance. The cell
-    holds what lies within h_t of theta and h_p of phi (rad) of the center that `evaluate_cost` has just
-    told `work` of, at distances low .. high (m).
+    holds what lies within h_t of theta and h_p of phi (rad) of the center that `evaluate_cost` has
+    just told `work` of, at distances low .. high (m).
     """
     out = work.out
     t, p = best_in_box(out, h_t, h_p)
@@ -175,7 +175,7 @@ def cost_exceeds(
     s: float,
     most: float,
 ) -> bool:
-    """Whether the cost is above `most` within a cell, at distances near .. far (m) from AT_DISTANCE.
+    """Whether the cost exceeds `most` within a cell, at distances near .. far (m) from AT_DISTANCE.
 
     x is that of a step of s (m) more than it was prepared for.
     """

@@ -44,7 +44,7 @@ MIN_SHARE_GAIN = 0.01
 def hypothesis_seeds(
     pair: PairRanges, cells: Floats, mass: Floats, turns: bool
 ) -> tuple[Floats, Indices, Indices]:
-    """Centers of hypotheses (k, COST_FIELDS), to which every cell belongs (m,), and the solution (k,).
+    """Centers of hypotheses (k, COST_FIELDS), that of every cell (m,), and the solution (k,).
 
     From the most probable cell that is not covered yet, weighted least squares leads to its
     solution; where that is one that we have, the cell stands for itself.
@@ -92,7 +92,7 @@ def hypothesis_seeds(
 
 @compiled_noalloc
 def seed_distance(seed: Floats, cell: Floats) -> float:
-    """Squared distance of a cell from a seed in units of its variance, bounded by MAX_ANGLE_SIGMA."""
+    """Squared distance of a cell from a seed over its variance, bounded by MAX_ANGLE_SIGMA."""
     t, p = wrap_heading(cell[THETA] - seed[THETA]), wrap_heading(cell[PHI] - seed[PHI])
     least = 1.0 / (MAX_ANGLE_SIGMA * MAX_ANGLE_SIGMA)
     along = (seed[H_TT] + least) * t * t + (seed[H_PP] + least) * p * p
@@ -109,8 +109,8 @@ def shift_to_peak(at: Floats, mass: Floats, centers: Floats) -> Floats:
     """How much of the posterior is alike to each of some centers (k, 3), and one moved uphill.
 
     Mean shifts over the posterior `mass` (m,) at poses (m, 3) lead uphill from each center. If
-    that gains MIN_SHARE_GAIN over all centers, the first that is alike to the highest point moves there, in
-    place. Shares (k,) count poses within SIMILAR_POSE_LIMITS.
+    that gains MIN_SHARE_GAIN over all centers, the first that is alike to the highest point moves
+    there, in place. Shares (k,) count poses within SIMILAR_POSE_LIMITS.
     """
     share = np.empty(len(centers))
     peak, highest, mean = np.zeros(3), -MIN_SHARE_GAIN, np.empty(3)

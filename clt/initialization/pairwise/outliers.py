@@ -92,8 +92,9 @@ def without_outliers(pair: PairRanges, turns: bool, cost: float) -> tuple[PairRa
     """A pair, whose best pose costs so much, without its wild ranges, and whether that is sure.
 
     Not sure where other poses explain as much with other ranges; those that do with the same ones
-    are another matter, see `PairHypotheses.unique`. None where some pose explains all, where one wild
-    range in RANGES_PER_OUTLIER does not explain it, where they are not MIN_OUTLIER_SIGMAS, or too few are left to tell.
+    are another matter, see `PairHypotheses.unique`. None where some pose explains all, where one
+    wild range in RANGES_PER_OUTLIER does not explain it, where they are not MIN_OUTLIER_SIGMAS, or
+    too few are left to tell.
     """
     n = pair.z.size
     sought = [explain_ranges(pair, pose, turns) for pose in candidate_poses(pair, turns)]
@@ -174,7 +175,8 @@ def explain_ranges(pair: PairRanges, pose: Floats, turns: bool) -> Explanation |
 def fit_explanation(pair: PairRanges, rows: Indices, pose: Floats, turns: bool) -> Explanation:
     """Least squares by some ranges of a pair from a pose on, and how probable their choice is.
 
-    The likelihood is that of the ranges that are kept, times OUTLIER_PROBABILITY / OUTLIER_SPAN_M for each other one.
+    The likelihood is that of the ranges that are kept, times OUTLIER_PROBABILITY / OUTLIER_SPAN_M
+    for each other one.
     """
     some = pair_subset(pair, rows)
     work, kept = make_bound_workspace(some), rows.size

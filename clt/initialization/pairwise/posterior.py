@@ -46,7 +46,7 @@ TINY_SHARE = 1e-300
 
 @kernel
 def split_cells(cells: Floats, turns: bool) -> Floats:
-    """Cells (m, CELL) in CELL_PARTS by CELL_PARTS parts each, as their linearization tells: (m', CELL)."""
+    """Cells (m, CELL) in CELL_PARTS by CELL_PARTS parts each, by linearization: (m', CELL)."""
     along = CELL_PARTS if turns else 1
     parts = np.empty((len(cells) * CELL_PARTS * along, cells.shape[1]))
     for row in range(len(parts)):

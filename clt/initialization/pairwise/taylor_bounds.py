@@ -138,9 +138,10 @@ def set_added_variances(
 def prepare_bound(pair: PairRanges, work: BoundWorkspace, step: float, t: float, p: float) -> None:
     """Everything about x that does not depend on how large the cell is, for x and what it gains.
 
-    x belongs to the pose `step` (m), t and p (rad) from the center; G_X_STEP is what it gains with a
-    step of 1 m more. `sums` are x^T of residuals, of their derivatives, and of second derivatives
-    of the ranges; and, from `add_track_variance`, x^T W x with its derivatives, which are quadratic in x.
+    x belongs to the pose `step` (m), t and p (rad) from the center; G_X_STEP is what it gains with
+    a step of 1 m more. `sums` are x^T of residuals, of their derivatives, and of second derivatives
+    of the ranges; and, from `add_track_variance`, x^T W x with its derivatives, which are
+    quadratic in x.
     """
     n = pair.z.size
     L, y, out, g, sums = work.L, work.y, work.out, work.g, work.sums

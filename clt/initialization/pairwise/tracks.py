@@ -61,7 +61,7 @@ def static_track(n: int, m: int) -> OdometryTrack:
 def linear_until(
     segments: TwistSegments, start: int, wrong: LastingErrors = NO_LASTING_ERRORS
 ) -> int:
-    """Time (ns) to which odometry alone, from `start`, knows the heading to MAX_LINEAR_HEADING_SIGMA."""
+    """Time (ns) to which odometry alone knows the heading to MAX_LINEAR_HEADING_SIGMA."""
     dt = np.diff(segments.end, prepend=start) * 1e-9
     variance = np.cumsum(segments.interval * segments.var_omega * dt)
     variance += (wrong.scale_omega * np.cumsum(segments.omega * dt)) ** 2

@@ -41,8 +41,9 @@ def has_one_minimum(
 ) -> bool:
     """No distance in low .. high (m) costs less than the linearization promises, and than `most`.
 
-    Up to MAX_COST_SHORTFALL; and where ranges bend little, less by a part that hides no second minimum
-    (MIN_STRAIGHTNESS). `evaluate_cost` has just told `work`, with nothing added to W, which is held as it is.
+    Up to MAX_COST_SHORTFALL; and where ranges bend little, less by a part that hides no second
+    minimum (MIN_STRAIGHTNESS). `evaluate_cost` has just told `work`, with nothing added to W,
+    which is held as it is.
     """
     n, g, out = pair.z.size, work.g, work.out
     c, s = np.cos(out[PHI]), np.sin(out[PHI])

@@ -124,7 +124,7 @@ def _columns(data: Bytes, starts: Indices, layout: MessageLayout) -> dict[str, C
 
 
 def _blocks(spots: Mapping[str, FieldLocation]) -> list[list[str]]:
-    """Paths in the order of their offsets, those at most MAX_FETCH_GAP_BYTES bytes apart together."""
+    """Paths in the order of their offsets, those at most MAX_FETCH_GAP_BYTES apart together."""
     blocks: list[list[str]] = []
     end = -1 - MAX_FETCH_GAP_BYTES
     for path in sorted(spots, key=lambda path: spots[path].offset):

@@ -13,7 +13,7 @@ MAX_CHUNK_BYTES = 256 << 20
 """Largest chunk that is read, bytes, packed or not."""
 FREE_INFLATED_BYTES = 256 << 20
 MAX_INFLATION_RATIO = 100
-"""All chunks of a log together inflate to at most FREE_INFLATED_BYTES + MAX_INFLATION_RATIO times its own bytes."""
+"""A log's chunks inflate to at most FREE_INFLATED_BYTES + MAX_INFLATION_RATIO times its bytes."""
 
 
 def inflate_chunk(chunk: Chunk, allowed: int = MAX_CHUNK_BYTES) -> bytes | memoryview:

@@ -146,7 +146,7 @@ def _part(select: RowSelection, first: int, last: int) -> RowSelection:
 
 
 def _message_heads(channel: OutputChannel, number: int, part: RowSelection) -> Bytes:
-    """Everything of the message records before the payloads, shape (k, MESSAGE_HEAD_DTYPE.itemsize)."""
+    """All of the message records before the payloads, shape (k, MESSAGE_HEAD_DTYPE.itemsize)."""
     size = channel.size[part]
     heads = np.zeros(size.size, MESSAGE_HEAD_DTYPE)
     heads["opcode"] = Opcode.MESSAGE

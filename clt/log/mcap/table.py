@@ -165,7 +165,7 @@ def message_table(data: Bytes, starts: Indices) -> tuple[Messages, int]:
 
 
 def message_heads(messages: Messages) -> NDArray[Any]:
-    """The records' heads, a MESSAGE_ROW_DTYPE each, while `data` still holds them before the payloads."""
+    """The records' heads, a MESSAGE_ROW_DTYPE each, which `data` holds before the payloads."""
     return gather_items(
         messages.data, messages.offset - MESSAGE_ROW_DTYPE.itemsize, MESSAGE_ROW_DTYPE
     )

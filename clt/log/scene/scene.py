@@ -248,7 +248,7 @@ def _trail(poses: Poses, at: Stamps) -> Floats:
 
 
 def _ellipse(covariance: Floats) -> tuple[Floats, Floats]:
-    """Half axes (k, 2) at COVARIANCE_DISC_SIGMAS, m, and the angle of the first, rad, of (k, 2, 2)."""
+    """Half axes (k, 2) at COVARIANCE_DISC_SIGMAS, m, and the angle of the first, rad."""
     a, b, c = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
     mean, spread = (a + c) / 2, np.hypot((a - c) / 2, b)
     axes: Floats = COVARIANCE_DISC_SIGMAS * np.sqrt(

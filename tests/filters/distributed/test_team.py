@@ -295,7 +295,8 @@ def test_what_cannot_be_is_refused_in_one_line(view, dpf, said):
     recording = team(seconds=2.0)
     noise = NoiseSettings(scale=0.02 if "likelihood" in dpf else 0.0)
     with pytest.raises(UsageError, match=said):
-        localize_recording(recording, from_truth(recording, (0.1, 0.1, 0.1)), settings(**dpf).model_copy(
+        localize_recording(recording, from_truth(recording, (0.1, 0.1, 0.1)),
+        settings(**dpf).model_copy(
             update={"noise": noise}), Estimator("dpf", view))  # fmt: skip
 
 

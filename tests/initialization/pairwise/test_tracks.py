@@ -83,7 +83,7 @@ def test_a_track_lasts_until_odometry_has_lost_the_heading():
     parts = segments(np.random.default_rng(4))
     assert linear_until(parts, SECOND) == np.iinfo(np.int64).max
     for steps in (1, 7, 39):
-        # Each step of 0.1 s adds (0.1 s * sigma)^2; so many of them just reach MAX_LINEAR_HEADING_SIGMA.
+        # Each step of 0.1 s adds (0.1 s * sigma)^2; so many just reach MAX_LINEAR_HEADING_SIGMA.
         poor = parts._replace(
             var_omega=np.full(40, MAX_LINEAR_HEADING_SIGMA**2 / (steps + 0.5) / 0.01)
         )

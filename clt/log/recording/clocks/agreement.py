@@ -185,7 +185,8 @@ def nearest_segment(
 ) -> Indices:
     """To which stretch each row belongs, as messages overtake others at a bound, shape (n,).
 
-    Each row within MAX_CLOCK_DIFFERENCE_S of a bound goes to that side whose offset is nearer to its delay.
+    Each row within MAX_CLOCK_DIFFERENCE_S of a bound goes to that side whose offset is nearer to
+    its delay.
     """
     side = np.repeat(np.arange(len(offsets)), np.diff(bounds))
     for k, bound in enumerate(bounds[1:-1]):
@@ -276,7 +277,7 @@ def keeps_pace(delay: Floats, log_time: Stamps) -> bool:
 
 
 def group_offsets(offsets: Floats) -> Indices:
-    """Group of each of n offsets (s): neighbours no further apart than MAX_CLOCK_DIFFERENCE_S belong together."""
+    """Group of each of n offsets (s): neighbours within MAX_CLOCK_DIFFERENCE_S belong together."""
     order = np.argsort(offsets, kind="stable")
     group = np.empty(offsets.size, np.int64)
     group[order] = np.append(0, np.cumsum(np.diff(offsets[order]) > MAX_CLOCK_DIFFERENCE_S))

@@ -78,7 +78,7 @@ def _truth_of_static(truth: Mapping[str, Poses], static: set[str]) -> dict[str, 
 
 
 def extract_part(recording: Recording, timeline: Timeline, part: LogPart) -> Recording:
-    """What a recording holds of one part of its timeline; truth of static robots as `cut_recording` has it.
+    """What a recording holds of a part of its timeline; truth of static robots by `cut_recording`.
 
     Rows of clocks that are off, before and after the part are left out.
     """
