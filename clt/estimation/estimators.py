@@ -14,7 +14,7 @@ from clt.estimation.finite import finite_rows
 from clt.estimation.nis_check import find_misfit
 from clt.estimation.posterior import Posterior
 from clt.estimation.searches import found_robot_warnings, vain_search_remarks
-from clt.estimation.start_draws import start_sensitive_robots
+from clt.estimation.start_judge import too_sure
 from clt.filters.distributed import dpf
 from clt.filters.filterpy import engine
 from clt.filters.kalman import eskf, gaussian, ukf
@@ -28,7 +28,7 @@ from clt.model.settings import FilterSettings
 from clt.model.solution import Filter, Solution
 from clt.model.state_space import ODOMETRY_ERROR_STATES, WORLD_REFERENCE
 
-MIN_UNIQUE_PROBABILITY = 0.999
+MIN_UNIQUE_PROBABILITY = 0.99
 """A robot whose leading pose is less probable than this may be elsewhere."""
 MAX_DROPPED_PROBABILITY = 0.01
 """Probability of hypotheses dropped for want of room that is worth a word."""
@@ -281,27 +281,23 @@ def localize_recording(
     posterior = make_posterior(recording, problem, solution, settings, estimator.filter)
     return replace(
         posterior,
-        left_out=(
-            *posterior.left_out,
-            *start_sensitivity_warning(problem, solution, settings, estimator),
-        ),
+        left_out=(*posterior.left_out, *overconfident(problem, solution, settings, estimator)),
     )
 
 
-def start_sensitivity_warning(
+def overconfident(
     problem: Problem, solution: Solution, settings: FilterSettings, estimator: Estimator
 ) -> tuple[str, ...]:
-    """A line where the estimate of one Gaussian hangs on where its start was taken."""
-    alone = FILTERS_WITHOUT_SEARCH.get(estimator.filter)
-    if alone is None:
+    """A line where a start was too uncertain for a filter of one Gaussian."""
+    if estimator.filter not in FILTERS_WITHOUT_SEARCH:
         return ()
-    names = start_sensitive_robots(problem, solution, lambda other: alone(other, settings))
+    names = too_sure(problem, solution, settings)
     if len(names) == 0:
         return ()
     line = (
-        f"{', '.join(names)}: starts as likely as the given one lead elsewhere, further off than "
-        f"{estimator.filter} states: its start is too uncertain for one Gaussian; use --filter "
-        "mixture, or start from a better known pose"
+        f"{', '.join(names)}: {estimator.filter} is surer than many Gaussians are from the same "
+        "start, which is too uncertain for one: use --filter mixture, or start from a better "
+        "known pose"
     )
     return (line,)
 

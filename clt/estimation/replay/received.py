@@ -22,7 +22,7 @@ from clt.estimation.estimators import (
     FILTERS_WITHOUT_SEARCH,
     Estimator,
     make_posterior,
-    start_sensitivity_warning,
+    overconfident,
     trajectories_by_robot,
 )
 from clt.estimation.posterior import Posterior
@@ -76,11 +76,9 @@ def replay_recording(
     posterior = make_posterior(recording, problem, solution, settings, estimator.filter)
     whole = build_problem(recording, start, settings, estimator.view)
     alone = FILTERS_WITHOUT_SEARCH.get(estimator.filter)
-    doubt = (
-        ()
-        if alone is None
-        else start_sensitivity_warning(whole, alone(whole, settings), settings, estimator)
-    )
+    if alone is None:
+        return posterior
+    doubt = overconfident(whole, alone(whole, settings), settings, estimator)
     return replace(posterior, left_out=(*posterior.left_out, *doubt))
 
 
