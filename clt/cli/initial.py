@@ -13,7 +13,7 @@ from clt.core.settings import read_toml
 from clt.core.start import Start
 from clt.initialization.given.poses import from_poses
 from clt.initialization.given.recorded import from_record
-from clt.initialization.given.truth import from_truth
+from clt.initialization.given.truth import from_truth, with_heading
 from clt.initialization.motion.motion import from_motion
 from clt.initialization.status import Initialization, from_given_start
 from clt.model.settings import FilterSettings
@@ -73,6 +73,10 @@ def find_initial_poses(
             return "pairwise", found
     with announce_compilation(console):
         found = from_motion(recording, settings)
+        if found.contradiction != "":
+            from clt.estimation.contradiction import explained
+
+            found = explained(recording, found, settings)
     print_motion_start(found, recording, console)
     return "motion", found
 
@@ -128,20 +132,31 @@ def find_start(
     if isinstance(init, Document):
         start = from_poses(recording, read_toml(init), str(init), settings.initial.sigma, ego)
         return start if ego is not None else complete_start(recording, start, settings, console)
-    _, found = find_initial_poses(recording, init, settings, console, ego, kept=kept)
-    return start_if_any_moves(found, recording)
+    used, found = find_initial_poses(recording, init, settings, console, ego, kept=kept)
+    return start_if_any_moves(found, recording, used, relative=ego is not None)
 
 
-def start_if_any_moves(found: Initialization, recording: Recording) -> Start:
-    """The poses of the robots that are certain. Raises CltError if no moving one is."""
+def start_if_any_moves(
+    found: Initialization, recording: Recording, method: str, *, relative: bool = False
+) -> Start:
+    """The poses of the robots that are certain, in the frame of a robot if `relative`.
+
+    Raises CltError if no moving one is, with the remedies that the log allows.
+    """
     start = found.start
-    if not any(name in recording.odometry for name in start.poses):
-        raise CltError(
-            "no robot can be initialized from motion (the reasons are above); give poses in a TOML "
-            "file (--init FILE), start from the ground truth (--init truth), or ask for relative "
-            "poses (--frame ego:NAME --init pairwise)"
-        )
-    return start
+    if any(name in recording.odometry for name in start.poses):
+        return start
+    truths = (recording.truth.get(name) for name in recording.odometry)
+    headed = any(truth is not None and with_heading(truth).stamp.size > 0 for truth in truths)
+    remedies = ["give poses in a TOML file (--init FILE)"]
+    remedies += ["start from the ground truth (--init truth)"] if headed else []
+    if not relative and len(recording.odometry) + len(recording.team.static) > 1:
+        remedies.append("ask for relative poses (--frame ego:NAME --init pairwise)")
+    options = ", ".join(remedies[:-1]) + (", or " if len(remedies) > 1 else "") + remedies[-1]
+    wrong = found.contradiction
+    said = [one.why for one in found.robots.values() if wrong != "" and one.why.startswith(wrong)]
+    reason = said[0] if len(said) > 0 else "the reasons are above"
+    raise CltError(f"no robot can be initialized from {method} ({reason}); {options}")
 
 
 def warn_uncertain_robots(found: Initialization, console: Console, *, kept: bool = False) -> None:

@@ -122,6 +122,14 @@ def _anchor(cause: Cause) -> str:
     )
 
 
+def _baseline(cause: Cause) -> str:
+    return (
+        f"{' and '.join(cause.who)} stand about {abs(cause.value):.2f} m "
+        f"{'further apart' if cause.value > 0.0 else 'closer together'} than their stated "
+        "positions: measure these again"
+    )
+
+
 def _scale(cause: Cause) -> str:
     what = "turn rate" if cause.kind == "turn scale" else "speed"
     return (
@@ -169,6 +177,7 @@ CAUSE_TEXTS: dict[str, Callable[[Cause], str]] = {
     "late": _late,
     "clock": _clock,
     "anchor": _anchor,
+    "baseline": _baseline,
     "scale": _scale,
     "turn scale": _scale,
     "bias": _bias,

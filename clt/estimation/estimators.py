@@ -266,7 +266,9 @@ def fixed_ranges_remark(problem: Problem, recording: Recording) -> tuple[str, ..
     count = int(np.sum(np.isin(ranges.source, fixed) & np.isin(ranges.target, fixed)))
     if count == 0:
         return ()
-    return (f"{count} ranges between static robots of known position are left out",)
+    what = "range" if count == 1 else "ranges"
+    verb = "is" if count == 1 else "are"
+    return (f"{count} {what} between static robots of known position {verb} left out",)
 
 
 def localize_recording(

@@ -41,7 +41,8 @@ def init(
         typer.Option(
             help="motion: from ranges and odometry alone (Shi). pairwise: relative poses from the "
             "ranges between pairs (Li). truth: from the ground truth. "
-            "auto: what the log records, else motion."
+            "auto: what the log records, else motion; where fewer than two robots stand still, "
+            "from the ground truth of some robots and the ranges of pairs, if there is any."
         ),
     ] = "auto",
     output: Annotated[

@@ -60,8 +60,9 @@ def localize(
             help="motion: from the log's own ranges and odometry (Shi). pairwise: relative poses "
             "from the ranges between pairs that drive (Li). truth: from the ground truth. A TOML "
             "file: one table per robot with x, y, heading and optionally sigma. "
-            "auto: what the log records, else motion, or pairwise in the frame of a robot where "
-            "fewer than two robots stand still."
+            "auto: what the log records, else motion; where fewer than two robots stand still, "
+            "pairwise in the frame of a robot, in the world from the ground truth of some robots "
+            "and the ranges of pairs. A file with some robots places the others likewise."
         ),
     ] = "auto",
     config: Annotated[
@@ -137,7 +138,7 @@ def localize(
     ego = next(iter(estimator.view.names), None)
     kept = estimator.filter in MULTI_HYPOTHESIS_FILTERS
     start = find_start(recording, inputs["poses"] or init, settings, console, ego, kept=kept)
-    for line in advise(recording, start.poses, frame):
+    for line in advise(recording, start.placed, frame):
         console.warn(line)
     clock.append(perf_counter())
     result = run_filter(recording, start, settings, estimator, as_received, console)

@@ -31,6 +31,7 @@ def streams(
     from clt.cli.console import Console
     from clt.cli.inputs import Inputs
     from clt.cli.reports.topics import topic_dicts
+    from clt.core.printable import counted
     from clt.log.output import STDOUT
     from clt.log.recording.mapping.foreign import draft_streams
 
@@ -52,6 +53,8 @@ def streams(
             file.write(drafted.text)
     console.report(drafted.faults)
     if output not in {None, STDOUT}:
-        console.say(f"{output}: {len(drafted.robots)} robots: {', '.join(drafted.robots)}")
+        console.say(
+            f"{output}: {counted(len(drafted.robots), 'robot')}: {', '.join(drafted.robots)}"
+        )
         console.say(f"check it, then: clt info {log} --streams {output}")
     return console.code

@@ -79,11 +79,6 @@ def print_localize_summary(
         )
 
 
-def count_text(count: int, what: str) -> str:
-    """So many of something."""
-    return f"{count} {what}{'' if count == 1 else 's'}"
-
-
 def final_pose(poses: Poses) -> dict[str, list[float]]:
     """The last pose of a trajectory: mean and standard deviation of (x, y, heading), m and rad."""
     mean = [float(column[-1]) for column in (poses.x, poses.y, poses.heading)]

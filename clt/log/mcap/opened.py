@@ -123,6 +123,8 @@ def open_log(path: Path, want: TopicFilter) -> Iterator[LogScan]:
     cannot be read.
     """
     if path == STDIN:
+        if sys.stdin is None:
+            raise LogError("standard input is closed; give a log's name or a pipe")
         yield McapScan(sys.stdin.buffer, "standard input")
     elif path.is_dir():
         yield JoinedBag(path, find_bag(path), want)
