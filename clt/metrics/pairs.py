@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtri
 
 from clt.core.recording import Indices, Innovations, Team
+from clt.metrics.quantiles import normal_quantile
 from clt.metrics.residuals import (
     PairResiduals,
     correlation_score,
@@ -95,7 +95,7 @@ def finite_or_none(value: float) -> float | None:
 
 def significance_marks(table: PairResiduals, refused: Indices) -> dict[str, Indices]:
     """Which figures of each pair (P,) are neither chance nor slight."""
-    limit = -float(ndtri(SIGNIFICANCE_LEVEL / (8.0 * max(table.pair.size, 1))))
+    limit = -normal_quantile(SIGNIFICANCE_LEVEL / (8.0 * max(table.pair.size, 1)))
     with np.errstate(invalid="ignore"):
         marks = {
             "rejected": refused > MAX_REJECTED_SHARE * table.total,
