@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from clt.cli.console import Console
+from clt.jit.watching import Watch, watched
 
 
 @contextmanager
-def announce_compilation(console: Console, ranging: bool = False) -> Iterator[None]:
-    """Say so, once, if a kernel has to be compiled meanwhile: one of ranging, else of a filter."""
-    watch: Callable[[Callable[[bool], None]], AbstractContextManager[None]]
-    if ranging:
-        from clt.jit.kept import watch_kernel_compilation as watch
-    else:
-        from clt.jit.compiled import watch_numba_compilation as watch
+def announce_compilation(console: Console) -> Iterator[Watch]:
+    """Say so, once, if a kernel has to be compiled meanwhile. What is yielded knows how long."""
 
     def say(kept: bool) -> None:
         if kept:
@@ -26,5 +22,5 @@ def announce_compilation(console: Console, ranging: bool = False) -> Iterator[No
                 "it in; name one with NUMBA_CACHE_DIR=DIR"
             )
 
-    with watch(say):
-        yield
+    with watched(say) as watch:
+        yield watch

@@ -14,7 +14,6 @@ from clt.core.start import Start
 from clt.initialization.given.poses import from_poses
 from clt.initialization.given.recorded import from_record
 from clt.initialization.given.truth import from_truth, with_heading
-from clt.initialization.motion.motion import from_motion
 from clt.initialization.status import Initialization, from_given_start
 from clt.model.settings import FilterSettings
 
@@ -71,6 +70,8 @@ def find_initial_poses(
             print_notes(found, console)
             warn_uncertain_robots(found, console)
             return "pairwise", found
+    from clt.initialization.motion.motion import from_motion  # slow
+
     with announce_compilation(console):
         found = from_motion(recording, settings)
         if found.contradiction != "":

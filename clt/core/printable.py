@@ -28,6 +28,6 @@ def printable_name(text: str, most: int = MAX_NAME_CHARS) -> str:
     return printable(text, most)
 
 
-def counted(count: int, what: str) -> str:
+def count_text(count: int, what: str) -> str:
     """So many of something: `1 range`, `2 ranges`."""
     return f"{count} {what}{'' if count == 1 else 's'}"

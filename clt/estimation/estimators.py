@@ -11,15 +11,13 @@ from clt.core.recording import Floats, Innovations, Poses, Recording, Stamps
 from clt.core.start import Start
 from clt.estimation.diagnosis import misfit_line
 from clt.estimation.finite import finite_rows
+from clt.estimation.later import later
 from clt.estimation.nis_check import find_misfit
 from clt.estimation.posterior import Posterior
 from clt.estimation.searches import found_robot_warnings, vain_search_remarks
 from clt.estimation.start_judge import too_sure
-from clt.filters.distributed import dpf
 from clt.filters.filterpy import engine
-from clt.filters.kalman import eskf, gaussian, ukf
-from clt.filters.mixture import mixture
-from clt.filters.particle import particles
+from clt.filters.kalman import eskf, gaussian
 from clt.model.belief import Belief, belief_block_moments, is_valid_covariance, state_mean_and_sigma
 from clt.model.choices import FrameSpec
 from clt.model.inputs import RangeTable
@@ -41,10 +39,10 @@ DIVERGED_REJECTED_SHARE = 0.5
 FILTERS: dict[str, Filter] = {
     "eskf": gaussian.solve_eskf,
     "ekf": gaussian.solve_ekf,
-    "ukf": ukf.solve_ukf,
-    "mixture": mixture.solve_mixture,
-    "pf": particles.solve_pf,
-    "dpf": dpf.solve_dpf,
+    "ukf": later("ukf", "solve_ukf"),
+    "mixture": later("mixture", "solve_mixture"),
+    "pf": later("particles", "solve_pf"),
+    "dpf": later("dpf", "solve_dpf"),
 }
 """By the name that `--filter` takes."""
 FILTERPY_FILTERS: dict[str, Filter] = {
@@ -55,7 +53,7 @@ FILTERPY_FILTERS: dict[str, Filter] = {
 FILTERS_WITHOUT_SEARCH: dict[str, Filter] = {
     "eskf": gaussian.solve_eskf_without_search,
     "ekf": gaussian.solve_eskf_without_search,
-    "ukf": ukf.solve_ukf_without_search,
+    "ukf": later("ukf", "solve_alone"),
 }
 """Filters of one Gaussian, without their search for lost robots."""
 MULTI_HYPOTHESIS_FILTERS = frozenset({"mixture", "pf", "dpf"})

@@ -1,16 +1,23 @@
-"""Compiled kernels: numba's njit with an on-disk cache, typed."""
+"""Compiled kernels: the decorators, and what stands for a kernel until it runs.
+
+Importing numba takes 0.4 s and loading its first kernel 0.3 s, so neither happens before it must.
+A kernel that makes no arrays runs from kept machine code (`kept`) where that can be; numba itself
+takes over for all others, and for all where the installed numba differs from what is expected.
+"""
 
 from __future__ import annotations
 
+import functools
 import hashlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from functools import cache
+import os
+from collections.abc import Callable
+from functools import cache, cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-import numba
-from numba.core import event
+from clt.jit import kept
+from clt.jit.watching import listen
 
 F = TypeVar("F", bound=Callable[..., object])
 NO_ARRAYS = {"_nrt": False}
@@ -29,21 +36,74 @@ def fingerprint(*folders: Path) -> str:
     return digest.hexdigest()[:12]
 
 
+class Kernel:
+    """A function that is compiled when it is called first. Other kernels may call it, too."""
+
+    def __init__(self, function: Callable[..., object], options: dict[str, Any]) -> None:
+        self.options = options
+        self.code: dict[str, kept.Linked | None] = {}
+        """Machine code by kinds of arguments; None where numba has to run it."""
+        functools.update_wrapper(self, function)
+        self.function = function
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Run it, compiled."""
+        if os.environ.get("NUMBA_DISABLE_JIT", "0") not in {"", "0"}:
+            return self.function(*arguments)
+        if self.options["_nrt"] or (flat := kept.flat(arguments)) is None:
+            return self.dispatcher(*arguments)
+        kinds, words = flat
+        if kinds not in self.code:
+            self.code[kinds] = kept.linked(self.function, self.sources, kinds, arguments)
+        linked = self.code[kinds]
+        return self.dispatcher(*arguments) if linked is None else linked(words)
+
+    @property
+    def sources(self) -> str:
+        """Fingerprint of all that its machine code depends on."""
+        package = Path(__file__).parents[1]
+        return fingerprint(*(package / room for room in ROOMS), Path(self.file).parent)
+
+    @property
+    def file(self) -> str:
+        """Where it stands."""
+        return self.function.__code__.co_filename
+
+    @cached_property
+    def dispatcher(self) -> Any:
+        """It as numba knows it. Keeps the machine code for later processes, where that can be."""
+        numba: Any = import_module("numba")
+        listen()
+        # The name goes into that of the cache file: machine code of other sources is never found.
+        self.function.__qualname__ = f"{self.function.__name__}_{self.sources}"
+        try:
+            return numba.njit(cache=True, **self.options)(self.function)
+        except RuntimeError:  # There is no directory that numba may write to.
+            return numba.njit(**self.options)(self.function)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """For numba, where another kernel calls this one."""
+        return self.dispatcher._numba_type_
+
+    @property
+    def targetoptions(self) -> Any:
+        """The same: whether to inline it."""
+        return self.dispatcher.targetoptions
+
+    @property
+    def py_func(self) -> Callable[..., object]:
+        """The same: what to inline."""
+        return self.function
+
+
 def compile_kernel(function: F, **options: Any) -> F:
     """Compile on the first call and keep the machine code for later processes, where that can be.
 
     No fast-math: the same numbers on every run. Other threads run meanwhile: see `clt.cli.entry`.
     """
-    # The name goes into that of the cache file: machine code of other sources is never found.
-    package = Path(__file__).parents[1]
-    rooms = [package / room for room in ROOMS]
-    sources = fingerprint(*rooms, Path(function.__code__.co_filename).parent)
-    function.__qualname__ = f"{function.__name__}_{sources}"
     options |= {"error_model": "numpy", "nogil": True}
-    try:
-        return cast("F", numba.njit(cache=True, **options)(function))
-    except RuntimeError:  # There is no directory that numba may write to.
-        return cast("F", numba.njit(**options)(function))
+    return cast("F", Kernel(function, options))
 
 
 def kernel(function: F) -> F:
@@ -63,30 +123,6 @@ def inlined(function: F) -> F:
 
 def is_cached(function: Callable[..., object]) -> bool:
     """Whether an earlier process left machine code for this kernel."""
-    dispatcher = cast("Any", function)
+    dispatcher = cast("Kernel", function).dispatcher
     folder, name = dispatcher.stats.cache_path, dispatcher.py_func.__qualname__
     return folder is not None and any(Path(folder).glob(f"*.{name}-*.nbi"))
-
-
-class CompileListener(event.Listener):
-    """Calls back before the first kernel is compiled."""
-
-    def __init__(self, say: Callable[[bool], None]) -> None:
-        self.say = say
-        self.said = False
-
-    def on_start(self, event: Any) -> None:
-        """Tell whether the machine code will be kept."""
-        if not self.said:
-            self.said = True
-            self.say(event.data["dispatcher"].stats.cache_path is not None)
-
-    def on_end(self, event: Any) -> None:
-        """Nothing to do."""
-
-
-@contextmanager
-def watch_numba_compilation(say: Callable[[bool], None]) -> Iterator[None]:
-    """Call `say` once if anything is compiled meanwhile, with whether that is kept for later."""
-    with event.install_listener("numba:compile", CompileListener(say)):
-        yield

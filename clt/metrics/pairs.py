@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from clt.core.recording import Floats, Indices, Innovations, Team
 from clt.metrics.consistency import independent_samples
+from clt.metrics.quantiles import normal_quantile
 from clt.metrics.residuals import (
     PairResiduals,
     correlation_score,
@@ -128,7 +128,7 @@ def significance_marks(
     table: PairResiduals, refused: Indices, worth: tuple[Floats, Floats]
 ) -> dict[str, Indices]:
     """Which figures of each pair (P,) are neither chance nor slight; `worth` as `worth_of`."""
-    limit = -float(ndtri(SIGNIFICANCE_LEVEL / (8.0 * max(table.pair.size, 1))))
+    limit = -normal_quantile(SIGNIFICANCE_LEVEL / (8.0 * max(table.pair.size, 1)))
     with np.errstate(invalid="ignore"):
         marks = {
             "rejected": refused > MAX_REJECTED_SHARE * table.total,

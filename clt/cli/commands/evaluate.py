@@ -18,6 +18,10 @@ from clt.cli.options import (
 from clt.cli.period import WHOLE_LOG, FromOption, Period, ToOption
 
 if TYPE_CHECKING:
+    from typing import TextIO
+
+    from rich.console import Console as Tables
+
     from clt.cli.console import Console
     from clt.core.document import Document
     from clt.core.recording import Recording
@@ -79,7 +83,6 @@ def evaluate(
     from clt.cli.inputs import Inputs
     from clt.cli.numbers import without_nan
     from clt.cli.period import parse_period
-    from clt.cli.reports.evaluate_report import print_evaluation, print_team_table, table_console
     from clt.core.errors import CltError, UsageError
     from clt.metrics.errors import parse_delta
     from clt.metrics.evaluation import EvaluateOptions
@@ -97,7 +100,7 @@ def evaluate(
     found: dict[str, Evaluation] = {}
     objects: list[dict[str, object]] = []
     with inputs.report(output, force) as file:
-        out = table_console(file)
+        out = None if as_json else board_on(file)
         for log in logs:
             try:
                 _, evaluation = evaluate_log(log, inputs["streams"], options, console, period)
@@ -111,14 +114,25 @@ def evaluate(
                 continue
             found[str(log)] = evaluation
             objects.append(evaluation.as_dict(str(log)))
-            if not as_json and (verbose or len(logs) == 1):
+            if out is not None and (verbose or len(logs) == 1):
+                from clt.cli.reports.evaluate_report import print_evaluation
+
                 print_evaluation(out, str(log), evaluation)
-        if as_json:
+        if out is None:
             document = objects[0] if len(logs) == 1 else objects
             print(json.dumps(without_nan(document), allow_nan=False, indent=1), file=file)
         elif len(logs) > 1 and len(found) > 0:
+            from clt.cli.reports.evaluate_report import print_team_table
+
             print_team_table(out, found)
     return EXIT_FAILED if len(found) < len(objects) else console.code
+
+
+def board_on(file: TextIO) -> Tables:
+    """A console for tables; JSON needs none."""
+    from clt.cli.reports.evaluate_report import table_console
+
+    return table_console(file)
 
 
 def evaluate_log(

@@ -115,7 +115,6 @@ def localize(
     settings = read_filter_settings(inputs["config"], sets)
 
     # Slow to import: what stands above is refused at once.
-    from clt.calibration.apply import apply_calibration, read_calibration
     from clt.cli.initial import find_start
     from clt.cli.reports.localize_report import localize_record, print_localize_summary
     from clt.estimation.estimators import MULTI_HYPOTHESIS_FILTERS, Estimator
@@ -131,6 +130,8 @@ def localize(
     settings = read_filter_settings(inputs["config"], sets, recording.team.communication)
     recording = with_ranges(recording, console)
     if (document := inputs["calibration"]) is not None:
+        from clt.calibration.apply import apply_calibration, read_calibration
+
         recording = apply_calibration(recording, read_calibration(document))
     require_data(recording, str(log))
     require_frame_robots(estimator.view, recording.team.names)
@@ -141,8 +142,8 @@ def localize(
     for line in advise(recording, start.placed, frame):
         console.warn(line)
     clock.append(perf_counter())
-    result = run_filter(recording, start, settings, estimator, as_received, console)
-    clock.append(perf_counter())
+    result, compiling = run_filter(recording, start, settings, estimator, as_received, console)
+    clock.append(perf_counter() - compiling)
 
     timings = {
         name: later - earlier
@@ -275,13 +276,13 @@ def run_filter(
     estimator: Estimator,
     as_received: bool,
     console: Console,
-) -> EstimationResult:
-    """Filter, and say what went wrong."""
+) -> tuple[EstimationResult, float]:
+    """Filter, and say what went wrong. Returns also how long compiling took, s."""
     from clt.cli.compiling import announce_compilation
     from clt.core.errors import CltError
     from clt.estimation.pipeline import estimate
 
-    with announce_compilation(console):
+    with announce_compilation(console) as watch:
         result = estimate(recording, start, settings, estimator, as_received=as_received)
     for line in result.posterior.remarks:
         console.say(line)
@@ -293,4 +294,4 @@ def run_filter(
         console.warn(f"the estimate of {name} has diverged: its ranges contradict it", partial=True)
     if len(result.recording.estimate) == 0:
         raise CltError("no estimate is finite: check the noise settings and the initial poses")
-    return result
+    return result, watch.seconds

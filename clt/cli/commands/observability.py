@@ -306,7 +306,7 @@ def analyse_windows(
     reference = build_reference(recording, settings.noise, NOISE_STEP_S)
     for line in reference.notes:
         console.warn(line)
-    with announce_compilation(console, ranging=True):
+    with announce_compilation(console):
         return evaluate_windows(reference, window, framed=setup.framed, ego=ego)
 
 

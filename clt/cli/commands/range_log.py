@@ -91,7 +91,7 @@ def range_log(
         )
     sigma = None if noise is None else noise * 1e-12
     try:
-        with announce_compilation(console, ranging=True):
+        with announce_compilation(console):
             found = range_packets(recording, method, smooth, sigma)
     except CltError as error:
         raise CltError(f"{loaded.path}: {error}") from None

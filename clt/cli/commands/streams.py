@@ -31,7 +31,7 @@ def streams(
     from clt.cli.console import Console
     from clt.cli.inputs import Inputs
     from clt.cli.reports.topics import topic_dicts
-    from clt.core.printable import counted
+    from clt.core.printable import count_text
     from clt.log.output import STDOUT
     from clt.log.recording.mapping.foreign import draft_streams
 
@@ -54,7 +54,7 @@ def streams(
     console.report(drafted.faults)
     if output not in {None, STDOUT}:
         console.say(
-            f"{output}: {counted(len(drafted.robots), 'robot')}: {', '.join(drafted.robots)}"
+            f"{output}: {count_text(len(drafted.robots), 'robot')}: {', '.join(drafted.robots)}"
         )
         console.say(f"check it, then: clt info {log} --streams {output}")
     return console.code

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from clt.cli.reports.topics import MAX_TOPIC_ROWS as MOST
 from clt.cli.reports.topics import guesses_by_topic, topic_table, unread_topics
-from clt.core.printable import counted, printable
+from clt.core.printable import count_text, printable
 from clt.core.printable import printable_name as shown
 from clt.core.recording import WORLD_FRAME, Recording
 from clt.log.recording.load import LoadedLog
@@ -45,7 +45,7 @@ def print_info(loaded: LoadedLog, summary: LogSummary, file: TextIO) -> None:
     if len(summary.pairs) > 0:
         console.print(pair_rate_table(summary.pairs))
         if len(summary.pairs) > MAX_RATE_PAIRS:
-            more = counted(len(summary.pairs) - MAX_RATE_PAIRS, "more pair")
+            more = count_text(len(summary.pairs) - MAX_RATE_PAIRS, "more pair")
             console.print(f"{more}: clt info --json\n")
     rest = unread_topics(loaded)
     if len(rest) > 0:
@@ -54,7 +54,7 @@ def print_info(loaded: LoadedLog, summary: LogSummary, file: TextIO) -> None:
         if len(about) > 0:
             console.print("clt streams drafts a file for --streams that names these topics\n")
         if len(rest) > MOST:
-            console.print(f"{counted(len(rest) - MOST, 'more topic')}: clt info --json\n")
+            console.print(f"{count_text(len(rest) - MOST, 'more topic')}: clt info --json\n")
 
 
 def info_heading(loaded: LoadedLog, summary: LogSummary) -> list[str]:
@@ -66,12 +66,12 @@ def info_heading(loaded: LoadedLog, summary: LogSummary) -> list[str]:
         f"written by {loaded.library or 'unknown'}",
     ]
     ranges, pairs = (
-        counted(len(recording.ranges.stamp), "range"),
-        counted(len(summary.pairs), "pair"),
+        count_text(len(recording.ranges.stamp), "range"),
+        count_text(len(summary.pairs), "pair"),
     )
     counts = [f"{ranges} of {pairs}"]
     if summary.innovations > 0:
-        number = counted(summary.innovations, "innovation")
+        number = count_text(summary.innovations, "innovation")
         counts.append(f"{number}, {summary.accepted} accepted")
     lines.append(f"{len(team.moving)} moving and {len(team.static)} static robots")
     lines.append("; ".join(counts))
@@ -80,7 +80,7 @@ def info_heading(loaded: LoadedLog, summary: LogSummary) -> list[str]:
     if len(recording.attachments) > 0:
         lines.append("attachments: " + ", ".join(item.name for item in recording.attachments))
     count = sum(fault.count for fault in recording.faults)
-    lines.append("no faults" if count == 0 else f"{counted(count, 'fault')}, see standard error")
+    lines.append("no faults" if count == 0 else f"{count_text(count, 'fault')}, see standard error")
     return lines
 
 

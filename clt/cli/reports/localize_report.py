@@ -8,6 +8,7 @@ from pathlib import Path
 
 from clt.cli.console import Console
 from clt.cli.provenance import run_record
+from clt.core.printable import count_text
 from clt.core.recording import Poses
 from clt.estimation.pipeline import EstimationResult
 from clt.model.settings import FilterSettings

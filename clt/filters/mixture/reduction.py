@@ -184,7 +184,7 @@ def lightest(log_weight: Floats, count: int) -> int:
 
 @compiled_noalloc
 def nearest(bank: GaussianSum, j: int, blocks: int, desk: MergeWorkspace) -> int:
-    """The Gaussian that is the least apart from j, the SAME_MODE_MAHALANOBIS_SQ ones at all; -1 for none."""
+    """The Gaussian nearest to j of those within SAME_MODE_MAHALANOBIS_SQ; -1 for none."""
     found, best = -1, SAME_MODE_MAHALANOBIS_SQ
     for i in range(bank.alive[0]):
         if i != j and bank.log_weight[i] > -math.inf:

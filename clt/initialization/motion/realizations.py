@@ -136,7 +136,7 @@ def reflected_layouts(nodes: LayoutGraph, position: Floats) -> Floats:
 
 
 def _cheapest(pairs: PairDistances, starts: Floats) -> Floats:
-    """MAX_REFITTED_REFLECTIONS starts (k, n, 2) of the least sums of squares in their order, equal ones once."""
+    """MAX_REFITTED_REFLECTIONS starts (k, n, 2) of least squares in order, equal ones once."""
     cost = np.sum(_residual(pairs, starts) ** 2, axis=1)
     order = np.argsort(cost, kind="stable")
     _, first = np.unique(np.round(starts[order], 3), axis=0, return_index=True)

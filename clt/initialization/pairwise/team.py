@@ -30,8 +30,8 @@ SPANS_S = (15, 30, 60)
 That of them counts which tells most: odometry drifts, and a longer one may tell less.
 """
 DRIVE_REMEDY = (
-    f"let both robots drive in curves in the first {SPANS_S[-1]} s, or {STATED}, or give its pose in "
-    "a TOML file (--init FILE)"
+    f"let both robots drive in curves in the first {SPANS_S[-1]} s, or {STATED}, or give its "
+    "pose in a TOML file (--init FILE)"
 )
 MIN_UNOBSERVABLE_ALTERNATIVES = 8
 """A robot with as many alternatives as these is not observable yet."""
