@@ -39,10 +39,10 @@ DIVERGED_REJECTED_SHARE = 0.5
 FILTERS: dict[str, Filter] = {
     "eskf": gaussian.solve_eskf,
     "ekf": gaussian.solve_ekf,
-    "ukf": later("ukf", "solve_ukf"),
-    "mixture": later("mixture", "solve_mixture"),
-    "pf": later("particles", "solve_pf"),
-    "dpf": later("dpf", "solve_dpf"),
+    "ukf": later("kalman.ukf", "solve_ukf"),
+    "mixture": later("mixture.mixture", "solve_mixture"),
+    "pf": later("particle.particles", "solve_pf"),
+    "dpf": later("distributed.dpf", "solve_dpf"),
 }
 """By the name that `--filter` takes."""
 FILTERPY_FILTERS: dict[str, Filter] = {
@@ -53,7 +53,7 @@ FILTERPY_FILTERS: dict[str, Filter] = {
 FILTERS_WITHOUT_SEARCH: dict[str, Filter] = {
     "eskf": gaussian.solve_eskf_without_search,
     "ekf": gaussian.solve_eskf_without_search,
-    "ukf": later("ukf", "solve_alone"),
+    "ukf": later("kalman.ukf", "solve_ukf_without_search"),
 }
 """Filters of one Gaussian, without their search for lost robots."""
 MULTI_HYPOTHESIS_FILTERS = frozenset({"mixture", "pf", "dpf"})
