@@ -2,31 +2,29 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from functools import cache
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
-from numba.core import event
+
+from clt.jit import parts
+from clt.jit.sources import digest_of
 
 F = TypeVar("F", bound=Callable[..., object])
 NO_ARRAYS = {"_nrt": False}
 """No reference counts, in code that makes no arrays: they would cost two thirds on top."""
-ROOMS = ("jit", "model", "filters", "initialization")
-"""Whose kernels call those of other folders."""
+
+
+CONFIG: Any = numba.config
 
 
 @cache
-def fingerprint(*folders: Path) -> str:
-    """Of all sources in some folders. Numba looks only at the file that a kernel itself is in."""
-    digest = hashlib.sha256()
-    for folder in folders:
-        for source in sorted(folder.rglob("*.py")):
-            digest.update(source.read_bytes())
-    return digest.hexdigest()[:12]
+def leave_parts() -> bool:
+    """Whether kernels that others call are compiled within these alone."""
+    return not CONFIG.DISABLE_JIT and parts.parts_fit()
 
 
 def compile_kernel(function: F, **options: Any) -> F:
@@ -34,16 +32,32 @@ def compile_kernel(function: F, **options: Any) -> F:
 
     No fast-math: the same numbers on every run. Other threads run meanwhile: see `clt.cli.entry`.
     """
+    options |= {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
+    kernel: Any = numba.njit(**options)(function)
+    if not CONFIG.DISABLE_JIT:
+        if leave_parts():
+            parts.called_as_part(kernel, function, options)
+        kernel.compile = partial(compile_kept, kernel)
+    return cast("F", kernel)
+
+
+def compile_kept(kernel: Any, signature: object) -> object:
+    """Compile a kernel for the first time, or take what an earlier process kept."""
+    keep(kernel)
+    return kernel.compile(signature)
+
+
+def keep(kernel: Any) -> None:
+    """Keep the machine code of a kernel from now on.
+
+    Not when it is decorated: what it calls may not be defined yet, and counts.
+    """
+    function = kernel.py_func
     # The name goes into that of the cache file: machine code of other sources is never found.
-    package = Path(__file__).parents[1]
-    rooms = [package / room for room in ROOMS]
-    sources = fingerprint(*rooms, Path(function.__code__.co_filename).parent)
-    function.__qualname__ = f"{function.__name__}_{sources}"
-    options |= {"error_model": "numpy", "nogil": True}
-    try:
-        return cast("F", numba.njit(cache=True, **options)(function))
-    except RuntimeError:  # There is no directory that numba may write to.
-        return cast("F", numba.njit(**options)(function))
+    function.__qualname__ = f"{function.__name__}_{digest_of(kernel)}"
+    with suppress(RuntimeError):  # There is no directory that numba may write to.
+        kernel.enable_caching()
+    del kernel.compile
 
 
 def kernel(function: F) -> F:
@@ -61,32 +75,16 @@ def inlined(function: F) -> F:
     return compile_kernel(function, inline="always", **NO_ARRAYS)
 
 
+def folder_of(function: Callable[..., object]) -> str | None:
+    """Where the machine code of a kernel is kept; None where nothing can be written."""
+    dispatcher = cast("Any", function)
+    if "compile" in vars(dispatcher):
+        keep(dispatcher)
+    folder: str | None = dispatcher.stats.cache_path
+    return folder
+
+
 def is_cached(function: Callable[..., object]) -> bool:
     """Whether an earlier process left machine code for this kernel."""
-    dispatcher = cast("Any", function)
-    folder, name = dispatcher.stats.cache_path, dispatcher.py_func.__qualname__
+    folder, name = folder_of(function), cast("Any", function).py_func.__qualname__
     return folder is not None and any(Path(folder).glob(f"*.{name}-*.nbi"))
-
-
-class CompileListener(event.Listener):
-    """Calls back before the first kernel is compiled."""
-
-    def __init__(self, say: Callable[[bool], None]) -> None:
-        self.say = say
-        self.said = False
-
-    def on_start(self, event: Any) -> None:
-        """Tell whether the machine code will be kept."""
-        if not self.said:
-            self.said = True
-            self.say(event.data["dispatcher"].stats.cache_path is not None)
-
-    def on_end(self, event: Any) -> None:
-        """Nothing to do."""
-
-
-@contextmanager
-def watch_numba_compilation(say: Callable[[bool], None]) -> Iterator[None]:
-    """Call `say` once if anything is compiled meanwhile, with whether that is kept for later."""
-    with event.install_listener("numba:compile", CompileListener(say)):
-        yield
