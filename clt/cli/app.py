@@ -70,6 +70,10 @@ COMMANDS = {
         "clt.cli.commands.settings:settings",
         "List every key of --set with type, unit, default and one line.",
     ),
+    "compile": CommandEntry(
+        "clt.cli.commands.compile:compile_all",
+        "Compile all filters at once, so that no later run has to.",
+    ),
     "recover": CommandEntry(
         "clt.cli.commands.recover:recover",
         "Copy everything sound of a damaged log into a sound one, and say what was lost.",

@@ -22,6 +22,10 @@ class Console:
     verbose: bool = False
     code: int = EXIT_DONE
     warnings: list[str] = field(default_factory=list)
+    compile_s: float = 0.0
+    """Seconds that compiling took so far."""
+    shown: bool = field(default=False, init=False)
+    """Whether a line of `progress` stands on the terminal."""
 
     def say(self, text: str) -> None:
         """A line of progress or result for people, silent with -q."""
@@ -32,6 +36,12 @@ class Console:
         """A line only with -v."""
         if self.verbose:
             print(printable(text), file=sys.stderr)
+
+    def progress(self, text: str) -> None:
+        """Replace the line that a terminal shows of what is going on; none where text is empty."""
+        if self.shown or (text != "" and not self.quiet and sys.stderr.isatty()):
+            print(f"\r\x1b[K{printable(text)}", end="", file=sys.stderr, flush=True)
+            self.shown = text != ""
 
     def warn(self, text: str, partial: bool = False) -> None:
         """A warning; `partial` when data was unusable or an estimate is missing (exit code 3).

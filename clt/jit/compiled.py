@@ -8,32 +8,20 @@ takes over for all others, and for all where the installed numba differs from wh
 from __future__ import annotations
 
 import functools
-import hashlib
 import os
 from collections.abc import Callable
-from functools import cache, cached_property
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from clt.jit import kept
+from clt.jit.sources import digest_of
 from clt.jit.watching import listen
 
 F = TypeVar("F", bound=Callable[..., object])
 NO_ARRAYS = {"_nrt": False}
 """No reference counts, in code that makes no arrays: they would cost two thirds on top."""
-ROOMS = ("jit", "model", "filters", "initialization")
-"""Whose kernels call those of other folders."""
-
-
-@cache
-def fingerprint(*folders: Path) -> str:
-    """Of all sources in some folders. Numba looks only at the file that a kernel itself is in."""
-    digest = hashlib.sha256()
-    for folder in folders:
-        for source in sorted(folder.rglob("*.py")):
-            digest.update(source.read_bytes())
-    return digest.hexdigest()[:12]
 
 
 class Kernel:
@@ -54,20 +42,17 @@ class Kernel:
             return self.dispatcher(*arguments)
         kinds, words = flat
         if kinds not in self.code:
-            self.code[kinds] = kept.linked(self.function, self.sources, kinds, arguments)
+            self.code[kinds] = kept.linked(self, kinds, arguments)
         linked = self.code[kinds]
         return self.dispatcher(*arguments) if linked is None else linked(words)
 
-    @property
+    @cached_property
     def sources(self) -> str:
-        """Fingerprint of all that its machine code depends on."""
-        package = Path(__file__).parents[1]
-        return fingerprint(*(package / room for room in ROOMS), Path(self.file).parent)
+        """Digest of all that its machine code depends on, other than the types of arguments.
 
-    @property
-    def file(self) -> str:
-        """Where it stands."""
-        return self.function.__code__.co_filename
+        Taken when it runs first: what it calls may not be defined when it is decorated.
+        """
+        return digest_of(self)
 
     @cached_property
     def dispatcher(self) -> Any:
@@ -76,10 +61,15 @@ class Kernel:
         listen()
         # The name goes into that of the cache file: machine code of other sources is never found.
         self.function.__qualname__ = f"{self.function.__name__}_{self.sources}"
+        options = self.options | {"no_cfunc_wrapper": True}
         try:
-            return numba.njit(cache=True, **self.options)(self.function)
+            dispatcher = numba.njit(cache=True, **options)(self.function)
         except RuntimeError:  # There is no directory that numba may write to.
-            return numba.njit(**self.options)(self.function)
+            dispatcher = numba.njit(**options)(self.function)
+        parts: Any = import_module("clt.jit.parts")  # imports numba
+        if parts.parts_fit():
+            parts.called_as_part(dispatcher, self.function, options)
+        return dispatcher
 
     @property
     def _numba_type_(self) -> Any:
@@ -89,7 +79,7 @@ class Kernel:
     @property
     def targetoptions(self) -> Any:
         """The same: whether to inline it."""
-        return self.dispatcher.targetoptions
+        return self.options
 
     @property
     def py_func(self) -> Callable[..., object]:
@@ -121,8 +111,13 @@ def inlined(function: F) -> F:
     return compile_kernel(function, inline="always", **NO_ARRAYS)
 
 
+def folder_of(function: Callable[..., object]) -> str | None:
+    """Where the machine code of a kernel is kept; None where nothing can be written."""
+    folder: str | None = cast("Kernel", function).dispatcher.stats.cache_path
+    return folder
+
+
 def is_cached(function: Callable[..., object]) -> bool:
     """Whether an earlier process left machine code for this kernel."""
-    dispatcher = cast("Kernel", function).dispatcher
-    folder, name = dispatcher.stats.cache_path, dispatcher.py_func.__qualname__
+    folder, name = folder_of(function), cast("Kernel", function).py_func.__qualname__
     return folder is not None and any(Path(folder).glob(f"*.{name}-*.nbi"))

@@ -135,18 +135,17 @@ def _letters(arguments: tuple[Any, ...]) -> str:
     return letters
 
 
-def linked(
-    function: Callable[..., object], sources: str, kinds: str, arguments: tuple[Any, ...]
-) -> Linked | None:
-    """A function for such arguments, compiled now if no process did so before; None for numba."""
-    name = f"{function.__name__}-{_cache_key(sources, kinds)}.o"
+def linked(kernel: Any, kinds: str, arguments: tuple[Any, ...]) -> Linked | None:
+    """A kernel for such arguments, compiled now if no process did so before; None for numba."""
+    function = kernel.function
+    name = f"{function.__name__}-{_cache_key(kernel.sources, kinds)}.o"
     folders = _folders(Path(function.__code__.co_filename))
     for folder in folders:
         found = _read(folder / name)
         if found is not None:
             return _link(found)
     room = next(filter(_writable, folders), None)
-    with compiling(room is not None):
+    with compiling(kernel, room is not None):
         code = _compile(function, arguments)
     if room is not None:
         _write(room / name, code)

@@ -1,4 +1,4 @@
-"""Who wants to know that a kernel is being compiled, and how long that took."""
+"""Who wants to know what is being compiled, how far that is, and how long it took."""
 
 from __future__ import annotations
 
@@ -7,52 +7,79 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
+
+from clt.jit.sources import count_of
+
+
+class Step(NamedTuple):
+    """A kernel that is being compiled."""
+
+    kernel: str
+    """That which Python called."""
+    part: str
+    """That which it calls, and is compiled now; the kernel itself at first."""
+    done: int
+    """How many of its parts were begun."""
+    total: int
+    """How many there are."""
+    kept: bool
+    """Whether the machine code is kept for later processes."""
 
 
 class Watch:
-    """What one who watches is called with, and what has been compiled since."""
+    """Called for each kernel that is compiled; `seconds` adds up."""
 
-    def __init__(self, say: Callable[[bool], None]) -> None:
-        self.say = say
-        self.said = False
+    def __init__(self, report: Callable[[Step], None]) -> None:
+        self.report = report
         self.seconds = 0.0
-        """Spent compiling."""
 
 
-_watches: list[Watch] = []
-_depth = [0]
-"""How many kernels are being compiled, each for the sake of the one before."""
+class _Progress:
+    """What is being compiled in this process."""
+
+    def __init__(self) -> None:
+        self.watches: list[Watch] = []
+        self.depth = 0
+        """How many kernels are being compiled, each for the sake of the one before."""
+        self.step = Step("", "", 0, 0, kept=False)
+
+
+_progress = _Progress()
 
 
 @contextmanager
-def watched(say: Callable[[bool], None]) -> Iterator[Watch]:
-    """Call `say` once if a kernel is compiled meanwhile, with whether that is kept for later."""
-    watch = Watch(say)
-    _watches.append(watch)
+def watched(report: Callable[[Step], None]) -> Iterator[Watch]:
+    """Call `report` for each of clt's kernels that is compiled meanwhile."""
+    watch = Watch(report)
+    _progress.watches.append(watch)
     if "numba" in sys.modules:
         listen()
     try:
         yield watch
     finally:
-        _watches.remove(watch)
+        _progress.watches.remove(watch)
 
 
 @contextmanager
-def compiling(kept: bool) -> Iterator[None]:
+def compiling(kernel: Any, kept: bool) -> Iterator[None]:
     """Report that a kernel is compiled, and whether its machine code will be kept."""
-    for watch in _watches:
-        if not watch.said:
-            watch.said = True
-            watch.say(kept)
-    _depth[0] += 1
-    begin = perf_counter()
+    function, begin = kernel.py_func, perf_counter()
+    if _progress.depth == 0:
+        total = count_of(kernel)
+        _progress.step = Step(function.__name__, function.__name__, 0, total, kept)
+    _progress.depth += 1
+    if not function.__module__.startswith("numba."):
+        done = min(_progress.step.done + 1, _progress.step.total)
+        _progress.step = _progress.step._replace(part=function.__name__, done=done)
+        for watch in _progress.watches:
+            watch.report(_progress.step)
     try:
         yield
     finally:
-        _depth[0] -= 1
-        if _depth[0] == 0:
-            for watch in _watches:
+        _progress.depth -= 1
+        if _progress.depth == 0:
+            for watch in _progress.watches:
                 watch.seconds += perf_counter() - begin
 
 
@@ -69,7 +96,8 @@ def listen() -> None:
 
         def on_start(self, event: Any) -> None:
             """Report that a kernel is being compiled."""
-            report = compiling(event.data["dispatcher"].stats.cache_path is not None)
+            dispatcher = event.data["dispatcher"]
+            report = compiling(dispatcher, dispatcher.stats.cache_path is not None)
             report.__enter__()
             self.open.append(report)
 

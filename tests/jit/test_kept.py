@@ -62,7 +62,7 @@ import numpy as np
 from clt.jit.watching import watched
 from cores.kernel import Numbers, fill, is_large, nothing, product
 
-with watch_kernel_compilation(lambda kept: print("compiling", kept)):
+with watched(lambda kept: print("compiling", kept)):
     out = np.zeros((2, 3))
     print(fill((np.array([1, 2]), np.arange(3.0)), out), out.tolist())
     wide = np.zeros((3, 2)).T

@@ -66,10 +66,11 @@ def print_localize_summary(
         document = {**head, "timings": timings, "warnings": console.warnings}
         print(json.dumps(document, allow_nan=False))
         return
+    compiled = f", compiled in {timings['compile_s']:.1f} s" if timings["compile_s"] > 0.0 else ""
     console.say(
         f"{log}: {count_text(len(last), 'robot')}, {count_text(seen.size, 'range')}, "
         f"{int((~seen).sum())} rejected, "
-        f"filtered in {timings['filter_s']:.2f} s"
+        f"filtered in {timings['filter_s']:.2f} s{compiled}"
     )
     for name, pose in last.items():
         x, y, heading = pose["mean"]
