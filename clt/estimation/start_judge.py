@@ -15,7 +15,6 @@ import numpy as np
 
 from clt.core.geometry import wrap_angle
 from clt.core.recording import Floats
-from clt.filters.mixture.mixture import gaussians_kept, solve_mixture
 from clt.model.inputs import Outputs, RangeTable
 from clt.model.problem import Problem
 from clt.model.settings import FilterSettings
@@ -39,6 +38,11 @@ def too_sure(problem: Problem, solution: Solution, settings: FilterSettings) -> 
     """Robots whose estimate by one Gaussian is further off than it states, by a mixture's."""
     if not np.any(wide(problem)) or problem.outputs.stamp.size == 0:
         return ()
+    from clt.filters.mixture.mixture import (  # noqa: PLC0415 - slow, and seldom needed
+        gaussians_kept,
+        solve_mixture,
+    )
+
     problem, solution = beginning(problem, solution, gaussians_kept(problem, settings))
     nees = expected_nees(problem, solution, solve_mixture(problem, settings))
     return tuple(name for name, e in zip(problem.robots, nees, strict=True) if e > TOO_SURE)

@@ -69,7 +69,8 @@ def compiling(kernel: Any, kept: bool) -> Iterator[None]:
         total = count_of(kernel)
         _progress.step = Step(function.__name__, function.__name__, 0, total, kept)
     _progress.depth += 1
-    if not function.__module__.startswith("numba."):
+    again = _progress.depth == 2 and function.__name__ == _progress.step.kernel  # by numba, now
+    if not again and not function.__module__.startswith("numba."):
         done = min(_progress.step.done + 1, _progress.step.total)
         _progress.step = _progress.step._replace(part=function.__name__, done=done)
         for watch in _progress.watches:

@@ -38,7 +38,8 @@ def test_says_that_machine_code_is_kept(capsys, monkeypatch, tmp_path):
     assert "once for this machine" in capsys.readouterr().err
 
 
-def test_a_terminal_shows_what_is_compiled_and_then_no_more(capsys, monkeypatch):
+def test_a_terminal_shows_what_is_compiled_and_then_no_more(capsys, monkeypatch, tmp_path):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
 
     @compiled.compiled_noalloc

@@ -17,14 +17,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from clt.jit.compiled import kernel, lean
+from clt.jit.compiled import compiled_noalloc, kernel
 
 class Numbers(NamedTuple):
     factor: float
     count: int
     double: bool
 
-@lean
+@compiled_noalloc
 def fill(pair, out):
     one, two = pair
     for k in range(out.shape[0]):
@@ -32,23 +32,23 @@ def fill(pair, out):
             out[k, j] = {term} * one[k] + two[j]
     return out.size
 
-@lean
+@compiled_noalloc
 def nothing(out):
     out[0] = 1.0
 
-@lean
+@compiled_noalloc
 def product(numbers, missing):
     return numbers.factor * numbers.count * (2.0 if numbers.double else 1.0)
 
-@lean
+@compiled_noalloc
 def is_large(x):
     return x > 10.0
 
-@lean
+@compiled_noalloc
 def foreign(out):
     out[0] = math.erf(out[0])
 
-@lean
+@compiled_noalloc
 def pair(x):
     return x, x
 
@@ -62,7 +62,12 @@ import numpy as np
 from clt.jit.watching import watched
 from cores.kernel import Numbers, fill, is_large, nothing, product
 
-with watched(lambda kept: print("compiling", kept)):
+def report(step, said=[]):
+    if len(said) == 0:
+        print("compiling", step.kept)
+    said.append(step)
+
+with watched(report):
     out = np.zeros((2, 3))
     print(fill((np.array([1, 2]), np.arange(3.0)), out), out.tolist())
     wide = np.zeros((3, 2)).T
@@ -139,7 +144,7 @@ def test_works_where_nothing_can_be_written_and_without_compiling(package, tmp_p
 OTHER = """
 import sys
 import numpy as np
-from clt.filters import kept
+from clt.jit import kept
 from cores.kernel import array, fill, foreign, pair
 
 {before}

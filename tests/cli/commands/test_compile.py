@@ -32,7 +32,7 @@ def test_runs_every_command_and_leaves_no_log(tmp_path, monkeypatch):
     told = json.loads(done.stdout)
     assert list(told["seconds"]) == ["ranging", "motion"]
     assert min(told["seconds"].values()) > 0.0
-    assert told["directory"] == eskf.eskf_kernel.stats.cache_path
+    assert told["directory"] == eskf.eskf_kernel.dispatcher.stats.cache_path
     assert list(tmp_path.iterdir()) == []
 
 
