@@ -31,7 +31,7 @@ MAX_REFITTED_REFLECTIONS, MAX_REFLECTED_LAYOUTS, MAX_KEPT_LAYOUTS, SCATTERED_STA
 starts, at most."""
 WORK = 30_000_000
 """Lines times pairs that are looked at, which is some seconds."""
-TOGETHER = 1 << 21
+TOGETHER = 1 << 20
 """Numbers that are worked on at a time."""
 SAME_LAYOUT_M = 1e-3
 """Layouts closer than this are one minimum, m."""
@@ -136,7 +136,7 @@ def reflected_layouts(nodes: LayoutGraph, position: Floats) -> Floats:
 
 
 def _cheapest(pairs: PairDistances, starts: Floats) -> Floats:
-    """MAX_REFITTED_REFLECTIONS starts (k, n, 2) of least squares in order, equal ones once."""
+    """MAX_REFITTED_REFLECTIONS starts (k, n, 2) of the least sums of squares in their order, equal ones once."""
     cost = np.sum(_residual(pairs, starts) ** 2, axis=1)
     order = np.argsort(cost, kind="stable")
     _, first = np.unique(np.round(starts[order], 3), axis=0, return_index=True)
