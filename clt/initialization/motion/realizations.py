@@ -70,7 +70,8 @@ def find_realizations(
     Layouts are one where the `compared` nodes (n,) are at the same places; they may differ by a
     reflection of the whole. Of large teams only as many are reflected as WORK allows.
     """
-    most = int(min(MAX_REFLECTED_LAYOUTS, max(1, WORK // (len(first) ** 2 * nodes.pairs.a.size))))
+    work = len(first) ** 2 * max(1, nodes.pairs.a.size)
+    most = int(min(MAX_REFLECTED_LAYOUTS, max(1, WORK // work)))
     begin = first[None]
     if scatter:
         begin = np.concatenate([begin, scattered_layouts(nodes, first)])
@@ -136,7 +137,7 @@ def reflected_layouts(nodes: LayoutGraph, position: Floats) -> Floats:
 
 
 def _cheapest(pairs: PairDistances, starts: Floats) -> Floats:
-    """MAX_REFITTED_REFLECTIONS starts (k, n, 2) of the least sums of squares in their order, equal ones once."""
+    """MAX_REFITTED_REFLECTIONS starts (k, n, 2) of least squares in order, equal ones once."""
     cost = np.sum(_residual(pairs, starts) ** 2, axis=1)
     order = np.argsort(cost, kind="stable")
     _, first = np.unique(np.round(starts[order], 3), axis=0, return_index=True)

@@ -152,7 +152,8 @@ def test_without_delays_it_is_the_sorted_replay(change, estimator):
     if change is astray:
         assert any("R2 was lost" in line for line in expected.left_out)
     assert posterior.remarks == expected.remarks
-    assert posterior.left_out == expected.left_out
+    judged = [line for line in posterior.left_out if "is surer than many Gaussians" in line]
+    assert posterior.left_out == (*expected.left_out, *judged)  # the start is judged apart
     for name, poses in expected.poses.items():
         for column in ("x", "y", "heading", "covariance"):
             np.testing.assert_allclose(
