@@ -6,6 +6,7 @@ from math import degrees
 
 from clt.cli.compiling import announce_compilation
 from clt.cli.console import Console
+from clt.core.diagnostics import Diagnostic, Severity
 from clt.core.document import Document
 from clt.core.errors import CltError
 from clt.core.recording import Recording
@@ -79,8 +80,7 @@ def find_initial_poses(
 
 def print_notes(found: Initialization, console: Console) -> None:
     """Say what was left out and what was assumed."""
-    for note in found.notes:
-        console.warn(note)
+    console.report(Diagnostic("start_note", values={"text": note}) for note in found.notes)
     for line in found.assumed:
         console.say(line)
 
@@ -101,7 +101,8 @@ def complete_start(
         with announce_compilation(console):
             found = complete_given_start(recording, start, settings)
     except CltError as error:
-        console.warn(f"{', '.join(left)}: no initial pose in the file, and {error}", partial=True)
+        reason = {"error": str(error)}
+        console.report([Diagnostic("file_incomplete", ", ".join(left), "partial", reason)])
         return start
     console.say(f"initial poses of {', '.join(left)}: not in the file; from ranges between pairs")
     print_notes(found, console)
@@ -152,7 +153,9 @@ def warn_uncertain_robots(found: Initialization, console: Console, *, kept: bool
             lacking = not (kept and robot.open)
             reasons.setdefault((robot.status, robot.why, lacking), []).append(name)
     for (status, why, lacking), names in reasons.items():
-        console.warn(f"{', '.join(names)} ({status}): {why}", partial=lacking)
+        severity: Severity = "partial" if lacking else "warning"
+        values = {"status": status, "why": why}
+        console.report([Diagnostic("uncertain_start", ", ".join(names), severity, values)])
 
 
 def print_motion_start(found: Initialization, recording: Recording, console: Console) -> None:

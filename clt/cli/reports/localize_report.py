@@ -62,8 +62,8 @@ def print_localize_summary(
     if as_json:
         ranges = {"used": int(seen.sum()), "rejected": int((~seen).sum())}
         head = {"log": str(log), **choices, "final": last, "ranges": ranges}
-        document = {**head, "timings": timings, "warnings": console.warnings}
-        print(json.dumps(document, allow_nan=False))
+        said = {"warnings": console.warnings, "diagnostics": console.diagnostics}
+        print(json.dumps({**head, "timings": timings, **said}, allow_nan=False))
         return
     console.say(
         f"{log}: {count_text(len(last), 'robot')}, {count_text(seen.size, 'range')}, "
