@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import degrees
 
 from clt.cli.compiling import announce_compilation
 from clt.cli.console import Console
+from clt.core.diagnostics import Diagnostic, Severity
 from clt.core.document import Document
 from clt.core.errors import CltError
 from clt.core.recording import Recording
@@ -75,17 +77,33 @@ def find_initial_poses(
     with announce_compilation(console):
         found = from_motion(recording, settings)
         if found.contradiction != "":
-            from clt.estimation.contradiction import explained
-
-            found = explained(recording, found, settings)
+            found = with_cause(recording, found, settings)
     print_motion_start(found, recording, console)
     return "motion", found
 
 
+def with_cause(
+    recording: Recording, found: Initialization, settings: FilterSettings
+) -> Initialization:
+    """An initialization that names the likely cause, where its ranges contradict each other."""
+    from clt.cli.messages.causes import cause_text
+    from clt.estimation.contradiction import cause_of
+    from clt.estimation.diagnosis import cause_values
+
+    cause = cause_of(recording, found, settings)
+    if cause is None:
+        return found
+    text = f"{found.contradiction}; likely cause: {cause_text(cause_values(cause))}"
+    robots = {
+        name: replace(robot, why=text) if robot.why.startswith(found.contradiction) else robot
+        for name, robot in found.robots.items()
+    }
+    return replace(found, robots=robots)
+
+
 def print_notes(found: Initialization, console: Console) -> None:
     """Say what was left out and what was assumed."""
-    for note in found.notes:
-        console.warn(note)
+    console.report(Diagnostic("start_note", values={"text": note}) for note in found.notes)
     for line in found.assumed:
         console.say(line)
 
@@ -106,7 +124,8 @@ def complete_start(
         with announce_compilation(console):
             found = complete_given_start(recording, start, settings)
     except CltError as error:
-        console.warn(f"{', '.join(left)}: no initial pose in the file, and {error}", partial=True)
+        reason = {"error": str(error)}
+        console.report([Diagnostic("file_incomplete", ", ".join(left), "partial", reason)])
         return start
     console.say(f"initial poses of {', '.join(left)}: not in the file; from ranges between pairs")
     print_notes(found, console)
@@ -168,7 +187,9 @@ def warn_uncertain_robots(found: Initialization, console: Console, *, kept: bool
             lacking = not (kept and robot.open)
             reasons.setdefault((robot.status, robot.why, lacking), []).append(name)
     for (status, why, lacking), names in reasons.items():
-        console.warn(f"{', '.join(names)} ({status}): {why}", partial=lacking)
+        severity: Severity = "partial" if lacking else "warning"
+        values = {"status": status, "why": why}
+        console.report([Diagnostic("uncertain_start", ", ".join(names), severity, values)])
 
 
 def print_motion_start(found: Initialization, recording: Recording, console: Console) -> None:

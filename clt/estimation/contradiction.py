@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from clt.core.errors import CltError
 from clt.core.recording import Recording
 from clt.core.start import InitialPose, Start
 from clt.estimation.causes import NOISE_FACTORS, Cause
-from clt.estimation.diagnosis import cause_line
 from clt.estimation.estimators import DEFAULT_ESTIMATOR
 from clt.estimation.nis_check import CauseSearch, explain_misfit
 from clt.initialization.status import Initialization
@@ -21,28 +18,6 @@ GUESS = (0.3, 0.3, 0.2)
 """How well a guessed pose is believed, m, m, rad: as narrow as a place to linearize at must be."""
 LEAST_BASELINE = 0.1
 """Two anchors whose distance is off by less, m, are no cause."""
-
-
-def explained(
-    recording: Recording, found: Initialization, settings: FilterSettings
-) -> Initialization:
-    """An initialization that names the likely cause, where its ranges contradict each other.
-
-    The filter runs from the guessed poses, and its residuals are searched for the single cause
-    that explains them best.
-    """
-    if found.contradiction == "":
-        return found
-    cause = cause_of(recording, found, settings)
-    if cause is None:
-        return found
-    robots = {
-        name: replace(robot, why=f"{found.contradiction}; likely cause: {cause_line(cause)}")
-        if robot.why.startswith(found.contradiction)
-        else robot
-        for name, robot in found.robots.items()
-    }
-    return replace(found, robots=robots)
 
 
 def cause_of(recording: Recording, found: Initialization, settings: FilterSettings) -> Cause | None:

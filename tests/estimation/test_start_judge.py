@@ -19,6 +19,7 @@ from clt.model.problem import build_problem
 from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
+from tests.messages import failings
 
 DEFAULTS = FilterSettings()
 VIEW = parse_frame_spec("ego:R1")
@@ -96,7 +97,7 @@ def test_estimates_that_are_far_off_are_noticed_and_good_ones_are_not():
 def test_the_line_is_for_filters_of_one_gaussian(name):
     seed = next(s for s in range(6, 12) if doubted(*pair(s, (1.0, 0.5))) != ())
     recording, start = pair(seed, (1.0, 0.5))
-    left = localize_recording(recording, start, DEFAULTS, Estimator(name, VIEW)).left_out
+    left = failings(localize_recording(recording, start, DEFAULTS, Estimator(name, VIEW)))
     assert any("too uncertain for one" in line for line in left) == (name == "ekf")
 
 
@@ -107,10 +108,10 @@ def test_errors_of_odometry_far_beyond_the_settings_are_said():
     )
     settings = FilterSettings.model_validate({"noise": {"scale": 0.01, "bias": 0.001}})
     found = localize_recording(recording, from_truth(recording, (0.01,) * 3), settings)
-    assert any("standard deviation that the settings state" in line for line in found.left_out)
+    assert any("standard deviation that the settings state" in line for line in failings(found))
     right = simulate(load_scenario("shi-sim", {"duration": 30.0}))
     fine = localize_recording(right, from_truth(right, (0.01,) * 3), settings)
-    assert not any("settings state" in line for line in fine.left_out)
+    assert not any("settings state" in line for line in failings(fine))
 
 
 def test_a_static_robot_has_no_heading_in_the_world():

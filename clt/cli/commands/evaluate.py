@@ -83,6 +83,7 @@ def evaluate(
     from clt.cli.inputs import Inputs
     from clt.cli.numbers import without_nan
     from clt.cli.period import parse_period
+    from clt.core.diagnostics import Diagnostic
     from clt.core.errors import CltError, UsageError
     from clt.metrics.errors import parse_delta
     from clt.metrics.evaluation import EvaluateOptions
@@ -102,6 +103,7 @@ def evaluate(
     with inputs.report(output, force) as file:
         out = None if as_json else board_on(file)
         for log in logs:
+            already = len(console.diagnostics)
             try:
                 _, evaluation = evaluate_log(log, inputs["streams"], options, console, period)
             except (CltError, OSError) as error:
@@ -109,11 +111,14 @@ def evaluate(
                     raise
                 text = error.strerror if isinstance(error, OSError) else None
                 text = with_log_name(log, text or str(error))
-                objects.append({"log": str(log), "error": text})
-                console.warn(text, partial=True)
+                failure = Diagnostic("log_failed", str(log), "partial", {"error": text})
+                console.report([failure])
+                said = console.diagnostics[already:]
+                objects.append({"log": str(log), "error": text, "diagnostics": said})
                 continue
             found[str(log)] = evaluation
-            objects.append(evaluation.as_dict(str(log)))
+            said = console.diagnostics[already:]
+            objects.append(evaluation_document(str(log), evaluation, said))
             if out is not None and (verbose or len(logs) == 1):
                 from clt.cli.reports.evaluate_report import print_evaluation
 
@@ -149,14 +154,23 @@ def evaluate_log(
     from clt.metrics.evaluate import evaluate as compare
 
     recording = cut_to_period(load(log, streams, EVALUATE_ROLES), period)
-    console.report(recording.faults)
+    console.report_faults(recording.faults)
     try:
         evaluation = compare(recording, options)
     except CltError as error:
         raise type(error)(with_log_name(log, str(error))) from None
-    for warned in evaluation.warnings:
-        console.warn(with_log_name(log, warned.text), partial=warned.partial)
+    console.report(evaluation.diagnostics, about=str(log))
     return recording, evaluation
+
+
+def evaluation_document(
+    log: str, evaluation: Evaluation, said: list[dict[str, object]]
+) -> dict[str, object]:
+    """The object that `clt evaluate --json` prints of a log, with all that was `said` of it."""
+    from clt.cli.messages.render import diagnostic_text
+
+    warnings = [diagnostic_text(one) for one in evaluation.diagnostics]
+    return {**evaluation.as_dict(log), "warnings": warnings, "diagnostics": said}
 
 
 def with_log_name(log: Path, text: str) -> str:

@@ -116,7 +116,8 @@ def init(
         with inputs.output(output, force) as file:
             file.write(poses_toml(used, found, {robot.name for robot in team.static}).encode())
     if as_json:
-        print(json.dumps(init_document(used, found), allow_nan=False))
+        document = init_document(used, found) | {"diagnostics": console.diagnostics}
+        print(json.dumps(document, allow_nan=False))
     elif output != STDOUT:
         print_initial_poses(found)
     return console.code

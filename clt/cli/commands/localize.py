@@ -139,8 +139,7 @@ def localize(
     ego = next(iter(estimator.view.names), None)
     kept = estimator.filter in MULTI_HYPOTHESIS_FILTERS
     start = find_start(recording, inputs["poses"] or init, settings, console, ego, kept=kept)
-    for line in advise(recording, start.placed, frame):
-        console.warn(line)
+    console.report(advise(recording, start.placed, frame))
     clock.append((perf_counter(), console.compile_s))
     result = run_filter(recording, start, settings, estimator, as_received, console)
     clock.append((perf_counter(), console.compile_s))
@@ -284,14 +283,7 @@ def run_filter(
 
     with announce_compilation(console):
         result = estimate(recording, start, settings, estimator, as_received=as_received)
-    for line in result.posterior.remarks:
-        console.say(line)
-    for line in result.posterior.warnings:
-        console.warn(line)
-    for line in result.posterior.left_out:
-        console.warn(line, partial=True)
-    for name in result.posterior.diverged:
-        console.warn(f"the estimate of {name} has diverged: its ranges contradict it", partial=True)
+    console.report(result.posterior.diagnostics)
     if len(result.recording.estimate) == 0:
         raise CltError("no estimate is finite: check the noise settings and the initial poses")
     return result

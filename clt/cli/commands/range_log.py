@@ -104,6 +104,7 @@ def range_log(
     if as_json:
         counts = {name: len(one.stamp) for name, one in found.recording.odometry.items()}
         head = {"log": str(output), "ranges": len(found.recording.ranges.stamp)}
-        print(json.dumps({**head, "odometry": counts, **learnt, "warnings": console.warnings}))
+        said = {"warnings": console.warnings, "diagnostics": console.diagnostics}
+        print(json.dumps({**head, "odometry": counts, **learnt, **said}))
     print_ranging_summary(console, found)
     return console.code

@@ -63,8 +63,8 @@ def print_localize_summary(
     if as_json:
         ranges = {"used": int(seen.sum()), "rejected": int((~seen).sum())}
         head = {"log": str(log), **choices, "final": last, "ranges": ranges}
-        document = {**head, "timings": timings, "warnings": console.warnings}
-        print(json.dumps(document, allow_nan=False))
+        said = {"warnings": console.warnings, "diagnostics": console.diagnostics}
+        print(json.dumps({**head, "timings": timings, **said}, allow_nan=False))
         return
     compiled = f", compiled in {timings['compile_s']:.1f} s" if timings["compile_s"] > 0.0 else ""
     console.say(

@@ -33,6 +33,7 @@ from tests.filters.distributed.dpf_runs import (
     start_of,
     team,
 )
+from tests.messages import remarks
 
 
 def without(recording, name, first, last):
@@ -310,4 +311,4 @@ def test_the_posterior_tells_what_was_sent():
     sent = told.traffic["R2"]
     assert sent["messages_sent"] == 50 + 5
     assert sent["bytes_sent"] == 50 * 40 + 5 * 3 * 3 * 8
-    assert any(line.startswith("R2 sent 55 messages, 2360 bytes") for line in told.remarks)
+    assert any(line.startswith("R2 sent 55 messages, 2360 bytes") for line in remarks(told))

@@ -28,6 +28,7 @@ from clt.model.mixture_moments import ROWS, leading_mode_probability
 from clt.model.problem import build_problem
 from clt.model.settings import FilterSettings
 from tests.filters.teams import team_recording
+from tests.messages import failings, remarks
 
 SETTINGS = FilterSettings()
 EGO = FrameSpec("ego", ("R1",))
@@ -254,12 +255,12 @@ def told(recording, start):
 
 def test_tells_when_the_answer_became_unique_and_that_it_is_not():
     recording = team_recording(seed=1, moving=2, seconds=30.0)
-    (line,) = told(recording, mirrored(recording)).remarks
+    (line,) = remarks(told(recording, mirrored(recording)))
     assert line.startswith("the pose of R2 was unique after ")
     short = team_recording(seed=1, moving=2, seconds=1.0)
     found = told(short, mirrored(short))
-    assert found.remarks == ()
-    assert any(line.startswith("R2 is ambiguous: ") for line in found.left_out)
+    assert remarks(found) == ()
+    assert any(line.startswith("R2 is ambiguous: ") for line in failings(found))
 
 
 def test_tells_what_it_had_no_room_for():
@@ -272,7 +273,7 @@ def test_tells_what_it_had_no_room_for():
     few = solve_mixture(problem, crowded)
     assert 0.05 < few.dropped < 1.0
     found = localize_recording(recording, start, crowded, NARRATOR)
-    assert any(f"probability {few.dropped:.2f} were dropped" in line for line in found.left_out)
+    assert any(f"probability {few.dropped:.2f} were dropped" in line for line in failings(found))
     early, late = cut(problem, 2_000_000_000)
     first = solve_mixture(early, crowded)
     kept = {"prior": None, "belief": first.belief, "memory": first.memory}
@@ -289,7 +290,7 @@ def test_calls_no_pose_unique_that_the_ranges_contradict():
     )
     found = told(recording, replace(start, hypotheses=wrong))
     assert found.diverged == ("R2",)
-    assert found.remarks == ()
+    assert remarks(found) == ()
 
 
 def test_finds_a_robot_of_unknown_heading_and_bearing():
