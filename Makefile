@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 .DELETE_ON_ERROR:
-.PHONY: demo test check samples clean
+.PHONY: demo test check docs samples clean
 
 demo: $(VENV)/.installed
 	$(BIN)/clt demo --force clt-demo
@@ -19,6 +19,11 @@ check: $(VENV)/.installed-dev
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# The site, from nothing but this folder; warnings are errors.
+docs: $(VENV)/.installed-docs
+	$(BIN)/python docs/reference/generate.py
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet docs docs/_build
 
 # Every `clt simulate` line of sample_logs/README.md.
 samples: $(VENV)/.installed
@@ -40,5 +45,9 @@ $(VENV)/.installed-dev: pyproject.toml | $(BIN)/python
 	$(PIP) install --editable '.[dev]'
 	@touch $@ $(VENV)/.installed
 
+$(VENV)/.installed-docs: pyproject.toml | $(BIN)/python
+	$(PIP) install --editable '.[docs]'
+	@touch $@ $(VENV)/.installed
+
 clean:
-	rm -rf .venv clt-demo build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf .venv clt-demo build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis docs/_build

@@ -30,7 +30,9 @@ class PairCalibration(Settings):
     """One pair of radios, whichever of the two measured; a missing key is taken from `[range]`."""
 
     ends: tuple[str, str]
+    """Names of both robots."""
     gain: PositiveFactor | None = None
+    """Range over raw value."""
     offset: float | None = None
     """m."""
 
@@ -43,6 +45,7 @@ class RangeCalibration(Settings):
     offset: float | None = None
     """m; 0 where only a gain is given."""
     pair: tuple[PairCalibration, ...] = ()
+    """Pairs that differ, a table each."""
 
     @field_validator("pair")
     @classmethod

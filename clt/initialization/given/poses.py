@@ -22,9 +22,11 @@ class GivenPose(Settings):
     """One robot: metres and radians in `world` or the frame of the ego."""
 
     x: Metres
+    """Position, m."""
     y: Metres
+    """Position, m."""
     heading: float | None = None
-    """A moving robot must have one."""
+    """Counter-clockwise from +x, rad; a moving robot must have one."""
     sigma: tuple[Sigma, Sigma, Sigma] | None = None
     """Standard deviations of x, y (m) and heading (rad); a static robot without is certain."""
 

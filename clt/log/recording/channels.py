@@ -63,7 +63,10 @@ def odometry_channel(robot: Robot, odometry: Odometry) -> OutputChannel:
 
 
 def range_channel(team: Team, source: int, ranges: Ranges) -> OutputChannel:
-    """`/{robot}/uwb/range`: what the robot with index `source` measured."""
+    """`/{robot}/uwb/range`: ids of both ends, range calibrated and raw, sigma.
+
+    `source` is the index of the robot that measured.
+    """
     rows = np.flatnonzero(ranges.source == source)
     robot, ids = team.robots[source], _ids(team)
     stamp, target = ranges.stamp[rows], ids[ranges.target[rows]]
@@ -90,7 +93,7 @@ def range_channel(team: Team, source: int, ranges: Ranges) -> OutputChannel:
 
 
 def truth_channel(name: str, poses: Poses) -> OutputChannel:
-    """`/{robot}/ground_truth`, in the reference's own frame."""
+    """`/{robot}/ground_truth`: poses of the reference, in its own frame."""
     form = payload_layout(POSE_TYPE, {"header.frame_id": poses.frame})
 
     def columns(select: RowSelection) -> PayloadColumns:
@@ -124,7 +127,10 @@ def estimate_channel(topic: str, poses: Poses) -> OutputChannel:
 
 
 def innovation_channel(team: Team, innovations: Innovations) -> OutputChannel:
-    """`/clt/innovation`; its log time is the stamp of the range."""
+    """`/clt/innovation`: every range that the filter used or rejected.
+
+    Its log time is the stamp of the range.
+    """
     ids = _ids(team)
 
     def columns(select: RowSelection) -> PayloadColumns:

@@ -44,7 +44,10 @@ UWB_FRAME_FIELDS = (
 
 
 def packet_channel(team: Team, source: int, frames: UwbPackets) -> OutputChannel:
-    """What the robot with index `source` sent. Raises LogError for more than 17 robots."""
+    """Raw packets: stamps of sending and receiving in ticks of the devices' clocks.
+
+    `source` is the index of the robot that sent. Raises LogError for more than 17 robots.
+    """
     topic = f"/{team.robots[source].name}/uwb/frame"
     others = np.array([index for index in range(len(team.robots)) if index != source], np.int64)
     if others.size > MAX_NEIGHBOURS:

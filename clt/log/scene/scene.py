@@ -54,7 +54,10 @@ ACCEPTED_RGB, REJECTED_RGB = (0.2, 0.7, 0.3), (0.9, 0.1, 0.1)
 
 
 def scene_channels(recording: Recording) -> list[OutputChannel]:
-    """`/tf` and `/clt/scene`, or nothing where no pose is known."""
+    """`/tf` and `/clt/scene`: robots, trails, covariance ellipses and range links for 3D viewers.
+
+    Nothing where no pose is known.
+    """
     drawn = _drawn(recording)
     if len(drawn) == 0:
         return []

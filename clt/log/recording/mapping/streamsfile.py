@@ -28,6 +28,7 @@ class RobotStreams(Settings):
     alias: tuple[str, ...] = ()
     """What topics call it where that is not its name: patterns take either."""
     static: bool = False
+    """It stands still for the whole log."""
     position: tuple[float, float] | None = None
     """Known position of a static robot, m."""
     id: RobotId | None = None
@@ -35,6 +36,7 @@ class RobotStreams(Settings):
     antenna: tuple[float, float] = (0.0, 0.0)
     """In the body frame, m."""
     twist: TwistSampling = "mean"
+    """The twist is the mean over the interval that ends at its stamp, or that of an instant."""
     sigma_v: PositiveNumber | None = None
     """Odometry noise of one sample, m/s."""
     sigma_omega: PositiveNumber | None = None
@@ -64,13 +66,17 @@ class RangeStreams(Settings):
     source: str | None = None
     """Robot that measured; left out only where the topic or the messages (clt_msgs/Range) say."""
     target: str | None = None
+    """Robot that it measured to; as `source`."""
     field: str | None = None
     """Path of the range in the message, m before gain and offset."""
     sigma: PositiveNumber | None = None
     """Standard deviation of the calibrated range, m."""
     gain: float = 1.0
+    """Range over raw value."""
     offset: float = 0.0
+    """Added after the gain, m."""
     stamp: StampSource | None = None
+    """Overrides the `stamp` of the file."""
 
     @property
     def pattern(self) -> bool:
@@ -98,6 +104,7 @@ class StreamsFile(Settings):
 
     robots: dict[str, RobotStreams] = Field(default_factory=dict)
     ranges: tuple[RangeStreams, ...] = ()
+    """Topics of ranges, a table each."""
     odometry: str | None = None
     """Pattern with {robot}: odometry of every robot that has such a topic, named by it."""
     ground_truth: str | None = None
