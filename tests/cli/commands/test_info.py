@@ -191,6 +191,7 @@ def test_recover_of_a_cut_log(clt, tmp_path):
     told = json.loads(out)
     assert code == 3
     assert [fault["kind"] for fault in told["faults"]] == ["truncated"]
+    assert [one["kind"] for one in told["diagnostics"]] == ["truncated"]
     assert told["messages"] == len(messages(saved.read_bytes())) > 100
 
 
