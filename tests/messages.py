@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from clt.cli.messages.initialization import reason_text
 from clt.cli.messages.render import diagnostic_text
 from clt.core.diagnostics import Diagnostic, Severity
 from clt.estimation.posterior import Posterior
+from clt.initialization.start_time import StartTime
+from clt.initialization.status import Initialization, RobotStatus
 
 
 def texts(found: Iterable[Diagnostic], severity: Severity | None = None) -> tuple[str, ...]:
@@ -14,6 +17,11 @@ def texts(found: Iterable[Diagnostic], severity: Severity | None = None) -> tupl
     return tuple(
         diagnostic_text(one) for one in found if severity is None or one.severity == severity
     )
+
+
+def kinds(found: Iterable[Diagnostic]) -> list[str]:
+    """The kinds of diagnostics."""
+    return [one.kind for one in found]
 
 
 def remarks(posterior: Posterior) -> tuple[str, ...]:
@@ -24,3 +32,13 @@ def remarks(posterior: Posterior) -> tuple[str, ...]:
 def failings(posterior: Posterior) -> tuple[str, ...]:
     """The texts of what a run could not do or use."""
     return texts(posterior.diagnostics, "partial")
+
+
+def note_texts(found: StartTime | Initialization) -> tuple[str, ...]:
+    """The texts of what was noted about a start."""
+    return texts(found.notes)
+
+
+def reason(robot: RobotStatus) -> str:
+    """Why the pose of a robot is not certain, in words."""
+    return reason_text(robot.why)

@@ -7,6 +7,7 @@ from math import degrees
 
 from clt.cli.compiling import announce_compilation
 from clt.cli.console import Console
+from clt.cli.messages.initialization import reason_text
 from clt.core.diagnostics import Diagnostic, Severity
 from clt.core.document import Document
 from clt.core.errors import CltError
@@ -41,9 +42,8 @@ def find_initial_poses(
         method = "pairwise"
     if method == "truth":
         start = from_truth(recording, settings.initial.sigma)
-        found = from_given_start(
-            start, recording.team, "truth with heading, or no odometry, at the start"
-        )
+        lack = Diagnostic("start_without_truth")
+        found = from_given_start(start, recording.team, lack)
         warn_uncertain_robots(found, console)
         return method, found
     if method == "pairwise":
@@ -57,7 +57,8 @@ def find_initial_poses(
         return method, found
     if recorded is not None:
         console.say("initial poses: from the log's own record")
-        return "record", from_given_start(recorded, recording.team, "initial pose in the record")
+        lack = Diagnostic("start_not_recorded")
+        return "record", from_given_start(recorded, recording.team, lack)
     if method == "auto" and ego is None and len(recording.team.static) < 2:
         from clt.initialization.given.known import from_references
 
@@ -76,36 +77,18 @@ def find_initial_poses(
 
     with announce_compilation(console):
         found = from_motion(recording, settings)
-        if found.contradiction != "":
-            found = with_cause(recording, found, settings)
+        if found.contradiction is not None:
+            from clt.estimation.contradiction import explained
+
+            found = explained(recording, found, settings)
     print_motion_start(found, recording, console)
     return "motion", found
 
 
-def with_cause(
-    recording: Recording, found: Initialization, settings: FilterSettings
-) -> Initialization:
-    """An initialization that names the likely cause, where its ranges contradict each other."""
-    from clt.cli.messages.causes import cause_text
-    from clt.estimation.contradiction import cause_of
-    from clt.estimation.diagnosis import cause_values
-
-    cause = cause_of(recording, found, settings)
-    if cause is None:
-        return found
-    text = f"{found.contradiction}; likely cause: {cause_text(cause_values(cause))}"
-    robots = {
-        name: replace(robot, why=text) if robot.why.startswith(found.contradiction) else robot
-        for name, robot in found.robots.items()
-    }
-    return replace(found, robots=robots)
-
-
 def print_notes(found: Initialization, console: Console) -> None:
     """Say what was left out and what was assumed."""
-    console.report(Diagnostic("start_note", values={"text": note}) for note in found.notes)
-    for line in found.assumed:
-        console.say(line)
+    console.report(found.notes)
+    console.report(found.assumed)
 
 
 def complete_start(
@@ -173,23 +156,28 @@ def start_if_any_moves(
     if not relative and len(recording.odometry) + len(recording.team.static) > 1:
         remedies.append("ask for relative poses (--frame ego:NAME --init pairwise)")
     options = ", ".join(remedies[:-1]) + (", or " if len(remedies) > 1 else "") + remedies[-1]
-    wrong = found.contradiction
-    said = [one.why for one in found.robots.values() if wrong != "" and one.why.startswith(wrong)]
-    reason = said[0] if len(said) > 0 else "the reasons are above"
+    doubt = found.contradiction
+    doubted = doubt is not None and any(one.why == doubt for one in found.robots.values())
+    reason = reason_text(doubt) if doubted else "the reasons are above"
     raise CltError(f"no robot can be initialized from {method} ({reason}); {options}")
 
 
 def warn_uncertain_robots(found: Initialization, console: Console, *, kept: bool = False) -> None:
     """Say which robots have no certain pose, and why: once for all that share a reason."""
     reasons: dict[tuple[str, str, bool], list[str]] = {}
+    whys: dict[str, Diagnostic] = {}
     for name, robot in found.robots.items():
-        if robot.status != "ok":
-            lacking = not (kept and robot.open)
-            reasons.setdefault((robot.status, robot.why, lacking), []).append(name)
-    for (status, why, lacking), names in reasons.items():
+        if robot.status == "ok" or robot.why is None:
+            continue
+        text = reason_text(robot.why)
+        whys[text] = robot.why
+        lacking = not (kept and robot.open)
+        reasons.setdefault((robot.status, text, lacking), []).append(name)
+    for (status, text, lacking), names in reasons.items():
         severity: Severity = "partial" if lacking else "warning"
-        values = {"status": status, "why": why}
-        console.report([Diagnostic("uncertain_start", ", ".join(names), severity, values)])
+        values = {**whys[text].values, "status": status}
+        subject = ", ".join(names)
+        console.report([replace(whys[text], subject=subject, severity=severity, values=values)])
 
 
 def print_motion_start(found: Initialization, recording: Recording, console: Console) -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from clt.core.errors import CltError
 from clt.core.recording import Recording
 from clt.core.start import InitialPose, Start
 from clt.estimation.causes import NOISE_FACTORS, Cause
+from clt.estimation.diagnosis import cause_values
 from clt.estimation.estimators import DEFAULT_ESTIMATOR
 from clt.estimation.nis_check import CauseSearch, explain_misfit
 from clt.initialization.status import Initialization
@@ -18,6 +21,26 @@ GUESS = (0.3, 0.3, 0.2)
 """How well a guessed pose is believed, m, m, rad: as narrow as a place to linearize at must be."""
 LEAST_BASELINE = 0.1
 """Two anchors whose distance is off by less, m, are no cause."""
+
+
+def explained(
+    recording: Recording, found: Initialization, settings: FilterSettings
+) -> Initialization:
+    """An initialization that names the likely cause, where its ranges contradict each other.
+
+    The filter runs from the guessed poses, and its residuals are searched for the single cause
+    that explains them best.
+    """
+    doubt = found.contradiction
+    cause = None if doubt is None else cause_of(recording, found, settings)
+    if doubt is None or cause is None:
+        return found
+    why = replace(doubt, values={**doubt.values, "cause": cause_values(cause)})
+    robots = {
+        name: replace(robot, why=why) if robot.why == doubt else robot
+        for name, robot in found.robots.items()
+    }
+    return replace(found, robots=robots, contradiction=why)
 
 
 def cause_of(recording: Recording, found: Initialization, settings: FilterSettings) -> Cause | None:

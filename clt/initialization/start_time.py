@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError
 from clt.core.recording import Recording
 from clt.core.start import odometry_start
@@ -28,9 +29,9 @@ class StartTime:
     """ns."""
     names: tuple[str, ...]
     """Moving robots that take part."""
-    absent: Mapping[str, str]
+    absent: Mapping[str, Diagnostic]
     """Those that do not, and why."""
-    notes: tuple[str, ...]
+    notes: tuple[Diagnostic, ...]
 
 
 def choose_start_time(recording: Recording, moving: Sequence[str]) -> StartTime:
@@ -42,35 +43,33 @@ def choose_start_time(recording: Recording, moving: Sequence[str]) -> StartTime:
     begins = {name: odometry_start(recording, name) for name in moving}
     first = sorted(begins.values())[(len(begins) - 1) // 2]
     heard = second_static_time(recording)
-    notes = []
+    notes: list[Diagnostic] = []
     if heard > first + MAX_WAIT_NS:
-        notes.append(
-            f"the start waits {(heard - first) * 1e-9:.1f} s: before, fewer than two static robots "
-            "are heard"
-        )
+        wait = {"wait_s": (heard - first) * 1e-9}
+        notes.append(Diagnostic("start_waits_for_static", values=wait))
         first = heard
     absent = {
-        name: f"it joins {(begin - first) * 1e-9:.1f} s after the others: left out of the "
-        "start, whose poses hold at one instant; to begin when it joins, give the poses at that "
-        "time in a TOML file (--init FILE)"
+        name: Diagnostic("joins_late", values={"late_s": (begin - first) * 1e-9})
         for name, begin in begins.items()
         if begin > first + MAX_WAIT_NS
     }
     stamp = max(first, *(begin for name, begin in begins.items() if name not in absent))
     absent |= {
-        name: "its odometry ends before the others start: left out of the start"
+        name: Diagnostic("ends_before_start")
         for name in moving
         if name not in absent and int(recording.odometry[name].stamp[-1]) <= stamp
     }
     names = tuple(name for name in moving if name not in absent)
     if len(names) == 0:
-        name, why = next(iter(absent.items()))
-        raise CltError(f"no moving robot can be initialized: {name}: {why}")
+        name = next(name for name, why in absent.items() if why.kind == "ends_before_start")
+        raise CltError(
+            f"no moving robot can be initialized: {name}: its odometry ends before the others "
+            "start: left out of the start"
+        )
     if stamp - first > MIN_REPORTED_WAIT_NS:
         last = max(names, key=lambda name: begins[name])
-        notes.append(
-            f"the start waits {(stamp - first) * 1e-9:.1f} s until the odometry of {last} begins"
-        )
+        wait = {"wait_s": (stamp - first) * 1e-9}
+        notes.append(Diagnostic("start_waits_for_odometry", last, values=wait))
     return StartTime(stamp, names, absent, tuple(notes))
 
 

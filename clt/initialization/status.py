@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from clt.core.diagnostics import Diagnostic
 from clt.core.geometry import UNIFORM_HEADING_SIGMA
 from clt.core.recording import WORLD_FRAME, Floats, Team
 from clt.core.start import Hypothesis, InitialPose, Start
@@ -17,13 +18,6 @@ Status = Literal["ok", "ambiguous", "unobservable"]
 REUSE_SIGMA_FACTOR = 3.0
 """The filter that follows sees the same ranges once more. It starts from this many times the
 standard deviation, so that their information counts 1.1 times, not twice."""
-
-
-STATED = (
-    "state the noise where it is smaller than assumed (noise.sigma_v, noise.sigma_omega, "
-    "noise.sigma_range; clt settings noise)"
-)
-"""A remedy: the noise that is assumed decides what ranges can tell apart."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +37,8 @@ class RobotStatus:
     """None where not even a guess is possible."""
     probability: float = 1.0
     """Of the pose among its alternatives."""
-    why: str = ""
+    why: Diagnostic | None = None
+    """Why it is not certain; without subject."""
     alternatives: tuple[Alternative, ...] = ()
     open: bool = False
     """All that is possible is among the hypotheses of the team: a filter that keeps them may tell
@@ -60,7 +55,7 @@ class Initialization:
     """The frame is that of known static positions; else Shi's, built from ranges."""
     robots: Mapping[str, RobotStatus]
     """All robots of the team that could take part."""
-    notes: tuple[str, ...] = ()
+    notes: tuple[Diagnostic, ...] = ()
     again: float = REUSE_SIGMA_FACTOR
     """By how much `start` widens the standard deviations."""
     frame: str = WORLD_FRAME
@@ -68,11 +63,11 @@ class Initialization:
     hypotheses: tuple[Hypothesis, ...] = ()
     """Joint poses of the team that remain possible, the most probable first; empty where the
     method tells of each robot alone."""
-    assumed: tuple[str, ...] = ()
-    """What the start takes for granted, and what would decide it."""
+    assumed: tuple[Diagnostic, ...] = ()
+    """What the start takes for granted."""
     given: frozenset[str] = frozenset()
     """Robots whose poses come from elsewhere than the ranges: `start` does not widen them."""
-    contradiction: str = ""
+    contradiction: Diagnostic | None = None
     """How ranges and odometry contradict each other, so that all poses are but guesses."""
 
     @property
@@ -114,17 +109,17 @@ def inflate_covariance(covariance: Floats, factor: float) -> Floats:
     return wide
 
 
-def unobservable_status(why: str) -> RobotStatus:
+def unobservable_status(why: Diagnostic | None) -> RobotStatus:
     """A robot of which nothing can be told."""
     return RobotStatus("unobservable", None, why=why)
 
 
-def from_given_start(start: Start, team: Team, lack: str) -> Initialization:
-    """Poses that somebody else vouches for, from no range of the log; others `lack` them."""
+def from_given_start(start: Start, team: Team, lack: Diagnostic) -> Initialization:
+    """Poses that somebody else vouches for, from no range of the log; why others `lack` one."""
     robots = {
         robot.name: RobotStatus("ok", start.poses[robot.name])
         if robot.name in start.poses
-        else unobservable_status(f"no {lack}")
+        else unobservable_status(lack)
         for robot in team.robots
         if robot.name in start.poses or not robot.static
     }

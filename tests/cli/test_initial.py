@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clt.cli.initial import start_if_any_moves, with_cause
+from clt.cli.initial import start_if_any_moves
 from clt.core.errors import CltError
 from clt.core.start import InitialPose, Start
+from clt.estimation.contradiction import explained
 from clt.initialization.motion.motion import from_motion
 from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
@@ -45,7 +46,7 @@ def misplaced(recording):
 )
 def test_the_likely_cause_is_named_where_no_robot_can_start(matched, change, cause):
     recording = change(matched)
-    found = with_cause(recording, from_motion(recording, SETTINGS), SETTINGS)
+    found = explained(recording, from_motion(recording, SETTINGS), SETTINGS)
     with pytest.raises(CltError, match=cause):
         start_if_any_moves(found, recording, "motion")
     assert {found.robots[name].status for name in ("R3", "R4", "R5")} == {"ambiguous"}
@@ -53,7 +54,8 @@ def test_the_likely_cause_is_named_where_no_robot_can_start(matched, change, cau
 
 def test_what_agrees_needs_no_cause(matched):
     found = from_motion(matched, SETTINGS)
-    assert found.contradiction == ""
+    assert found.contradiction is None
+    assert explained(matched, found, SETTINGS) is found
 
 
 def test_only_remedies_that_the_log_allows_are_offered(matched):

@@ -10,16 +10,19 @@ from string import Formatter
 import pytest
 
 from clt.cli.console import EXIT_DONE, EXIT_PARTIAL, Console
+from clt.cli.initial import warn_uncertain_robots
 from clt.cli.messages.causes import CAUSE_TEXTS, cause_text
 from clt.cli.messages.faults import fault_diagnostic
+from clt.cli.messages.initialization import REASONS, reason_text
 from clt.cli.messages.render import TEXTS, diagnostic_document, diagnostic_text
 from clt.core import diagnostics
 from clt.core.diagnostics import DIVERGED, Diagnostic, by_severity
 from clt.core.recording import Fault
+from clt.initialization.status import Initialization, RobotStatus, unobservable_status
 
 PACKAGE = Path(diagnostics.__file__).parents[1]
 ALGORITHMS = (
-    "calibration", "core", "estimation", "filters", "jit", "metrics", "model",
+    "calibration", "core", "estimation", "filters", "initialization", "jit", "metrics", "model",
     "observability", "ranging", "sim",
 )  # fmt: skip
 OPTION = re.compile(r"(?<![\w-])--[a-z]")
@@ -39,6 +42,10 @@ VALUES = {
     "unobservable": {"directions": ["heading of R1"], "remedies": ["let it drive"]},
     "worse_than_dead_reckoning": {
         "rmse_m": 1.0, "dead_reckoning_rmse_m": 0.5, "inside_share": 0.25,
+    },
+    "open_pair_pose": {
+        "count": 2, "probability": 0.75, "sigma_m": 0.5, "sigma_heading": 0.25, "observable": True,
+        "span_s": 60,
     },
     "robot_found": {"times": 1, "in_vain": 2},
     "search_in_vain": {"times": 2},
@@ -93,18 +100,21 @@ def test_every_kind_that_is_made_has_a_text_and_every_text_a_kind():
 
 @pytest.mark.parametrize("kind", sorted(TEXTS))
 def test_every_kind_renders_to_one_line(kind):
-    text = TEXTS[kind]
+    text = REASONS.get(kind, TEXTS[kind])
     values = VALUES.get(kind, {})
     if isinstance(text, str):
         values = {name: "R9" if name in STRINGS else 2.0 for name in words_of(text)}
-    line = diagnostic_text(Diagnostic(kind, "R7", "partial", values))
+    given = {"status": "ambiguous", **values} if kind in REASONS else values
+    line = diagnostic_text(Diagnostic(kind, "R7", "partial", given))
     assert "\n" not in line
     assert "{" not in line
-    assert not isinstance(text, str) or "{subject}" not in text or "R7" in line
+    assert "R7" in line or not (isinstance(text, str) and "{subject}" in text)
+    assert all(name in line for name in ("R7 (ambiguous): ",) if kind in REASONS)
 
 
 STRINGS = {
-    "text", "error", "status", "why", "ego", "filter", "what", "stream", "frames", "pair", "pairs",
+    "anchors", "ego", "error", "filter", "frames", "pair", "pairs", "reference", "robots", "static",
+    "status", "stream", "text", "what",
 }  # fmt: skip
 
 
@@ -137,6 +147,44 @@ def test_every_cause_renders(kind):
 )
 def test_a_misfit_in_words(change, words):
     assert words in diagnostic_text(Diagnostic("misfit", values=MISFIT | change))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({}, "2 poses explain the ranges (this one with probability 0.750); let both robots drive"),
+        ({"count": 1}, "its pose is known only to 0.50 m and 0.25 rad; let both robots drive in"),
+        ({"observable": False}, "probability 0.750): not observable yet; let both robots drive in"),
+        ({}, "drive in curves in the first 60 s, or give its pose in a TOML file (--init FILE)"),
+    ],
+)
+def test_an_open_pair_in_words(change, words):
+    why = Diagnostic("open_pair_pose", values=VALUES["open_pair_pose"] | change)
+    assert words in reason_text(why)
+
+
+def test_a_certain_robot_needs_no_reason():
+    assert reason_text(None) == ""
+
+
+def test_robots_that_share_a_reason_are_named_together():
+    why = [Diagnostic("moved_too_little", values={"moved_m": m}) for m in (0.1, 0.1, 0.2)]
+    robots = {f"R{k}": unobservable_status(one) for k, one in enumerate(why)}
+    console = Console(quiet=True)
+    warn_uncertain_robots(Initialization(0, True, robots), console)
+    assert [one["subject"] for one in console.diagnostics] == ["R0, R1", "R2"]
+    assert console.diagnostics[0]["kind"] == "moved_too_little"
+    assert console.warnings[0].startswith("R0, R1 (unobservable): it has moved too little (0.10 m)")
+    assert console.code == EXIT_PARTIAL
+
+
+def test_a_robot_whose_hypotheses_are_kept_is_only_a_warning():
+    why = Diagnostic("open_pair_pose", values=VALUES["open_pair_pose"])
+    found = Initialization(0, True, {"R1": RobotStatus("ambiguous", None, why=why, open=True)})
+    console = Console(quiet=True)
+    warn_uncertain_robots(found, console, kept=True)
+    assert [one["severity"] for one in console.diagnostics] == ["warning"]
+    assert console.code == EXIT_DONE
 
 
 def test_lists_are_shortened_with_a_count():

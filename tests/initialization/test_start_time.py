@@ -13,6 +13,7 @@ from clt.initialization.start_time import choose_start_time
 from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
+from tests.messages import note_texts, reason
 
 DEFAULTS = FilterSettings()
 SECOND = 1_000_000_000
@@ -53,8 +54,8 @@ def test_a_robot_that_joins_much_later_does_not_keep_the_others():
             found.robots[name].pose.mean, calm.robots[name].pose.mean, atol=0.1
         )
     assert found.robots["R5"].status == "unobservable"
-    assert found.robots["R5"].why.startswith("it joins 30.0 s after the others")
-    assert "--init FILE" in found.robots["R5"].why
+    assert reason(found.robots["R5"]).startswith("it joins 30.0 s after the others")
+    assert "--init FILE" in reason(found.robots["R5"])
 
 
 def test_a_robot_that_joins_a_little_later_is_waited_for_and_that_is_said():
@@ -63,8 +64,8 @@ def test_a_robot_that_joins_a_little_later_is_waited_for_and_that_is_said():
     assert found.stamp == pytest.approx(
         int(recording.odometry["R3"].stamp[0]) + 4 * SECOND, abs=1e8
     )
-    assert found.notes[0].endswith("until the odometry of R4 begins")
-    assert found.notes[0].startswith("the start waits 4.0 s")
+    assert note_texts(found)[0].endswith("until the odometry of R4 begins")
+    assert note_texts(found)[0].startswith("the start waits 4.0 s")
     assert all(found.robots[name].status == "ok" for name in ("R3", "R4", "R5"))
 
 
@@ -86,7 +87,7 @@ def test_odometry_that_ends_before_the_others_begin():
     odometry = type(odometry)(**{key: column[early] for key, column in vars(odometry).items()})
     recording = replace(recording, odometry={**recording.odometry, "R3": odometry})
     found = from_motion(recording, DEFAULTS)
-    assert found.robots["R3"].why.startswith("its odometry ends before")
+    assert reason(found.robots["R3"]).startswith("its odometry ends before")
     assert found.robots["R4"].status == found.robots["R5"].status == "ok"
 
 
@@ -96,7 +97,9 @@ def test_a_third_static_robot_that_joins_late_is_placed_all_the_same():
     found = from_motion(joining(recording, "R3", 35.0), DEFAULTS)
     assert all(robot.status == "ok" for robot in found.robots.values())
     assert found.robots["R3"].pose.mean[:2] == pytest.approx(positions[2], abs=0.1)
-    assert [n for n in found.notes if n.startswith("it took 40 s of ranges")] == list(found.notes)
+    assert [n for n in note_texts(found) if n.startswith("it took 40 s of ranges")] == list(
+        note_texts(found)
+    )
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -105,8 +108,8 @@ def test_the_start_waits_for_a_second_static_robot(known):
     late = joining(recording, "R2", 25.0)
     found = from_motion(late, DEFAULTS)
     assert after(recording, found.stamp) == pytest.approx(25.0, abs=0.2)
-    assert found.notes[0].startswith("the start waits 2")
-    assert "fewer than two static robots are heard" in found.notes[0]
+    assert note_texts(found)[0].startswith("the start waits 2")
+    assert "fewer than two static robots are heard" in note_texts(found)[0]
     assert all(robot.status == "ok" for robot in found.robots.values())
 
 

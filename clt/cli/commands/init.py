@@ -125,6 +125,9 @@ def init(
 
 def init_document(method: str, found: Initialization) -> dict[str, Any]:
     """The object that `clt init --json` prints; null where not even a guess is possible."""
+    from clt.cli.messages.initialization import reason_text
+    from clt.cli.messages.render import diagnostic_text
+
     robots = {}
     for name, robot in found.robots.items():
         pose = robot.pose
@@ -137,7 +140,7 @@ def init_document(method: str, found: Initialization) -> dict[str, Any]:
             "stamp_ns": found.stamp,
             "status": robot.status,
             "probability": robot.probability,
-            "why": robot.why,
+            "why": reason_text(robot.why),
             "alternatives": [
                 {
                     "x": float(other.mean[0]),
@@ -152,7 +155,7 @@ def init_document(method: str, found: Initialization) -> dict[str, Any]:
         "method": method,
         "frame": found.frame,
         "surveyed": found.surveyed,
-        "notes": [*found.notes, *found.assumed],
+        "notes": [diagnostic_text(one) for one in (*found.notes, *found.assumed)],
         "robots": robots,
     }
 
@@ -200,6 +203,7 @@ def poses_toml(method: str, found: Initialization, still: set[str]) -> str:
     """
     import tomli_w
 
+    from clt.cli.messages.initialization import reason_text
     from clt.core.geometry import is_heading_unknown
 
     tables: dict[str, dict[str, Any]] = {}
@@ -211,7 +215,9 @@ def poses_toml(method: str, found: Initialization, still: set[str]) -> str:
         tables[name] = {"x": x, "y": y, **told, "sigma": sigma}
     widened = WIDENED_SIGMA_COMMENT.format(factor=found.again) if found.again != 1.0 else ""
     unsure = "".join(
-        UNCERTAIN_POSE_COMMENT.format(name=name, status=robot.status, why=robot.why, method=method)
+        UNCERTAIN_POSE_COMMENT.format(
+            name=name, status=robot.status, why=reason_text(robot.why), method=method
+        )
         for name, robot in found.robots.items()
         if robot.status != "ok" and name in tables
     )

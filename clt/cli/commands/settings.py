@@ -45,7 +45,7 @@ def settings(
     found = select_keys(key, of)
     with inputs.report(output, force) as file:
         if as_json:
-            table = {"keys": [asdict(one) for one in found]}
+            table = {"keys": [asdict(one) for one in found], "diagnostics": console.diagnostics}
             print(json.dumps(table, allow_nan=False, indent=1), file=file)
         else:
             print("\n".join(key_table_lines(found)), file=file)

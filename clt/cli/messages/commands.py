@@ -8,7 +8,4 @@ COMMAND_TEXTS: Texts = {
     "part_used": "{subject}: {text}",
     "log_failed": "{error}",
     "not_scored": "{error}; drawn without errors",
-    "file_incomplete": "{subject}: no initial pose in the file, and {error}",
-    "start_note": "{text}",
-    "uncertain_start": "{subject} ({status}): {why}",
 }

@@ -13,7 +13,6 @@ from clt.core.recording import WORLD_FRAME, Poses, Recording, Robot, Stamps
 from clt.core.start import InitialPose, Start, known_static_pose, odometry_start
 from clt.metrics.associate import SECOND, interpolate
 
-POSES_FILE_REMEDY = "give poses in a TOML file instead (--init FILE)"
 MAX_TRUTH_GAP_S = 0.5
 """Truth is interpolated across no longer gap, s, as in an evaluation."""
 
@@ -39,12 +38,13 @@ def moving_truth(recording: Recording) -> dict[str, Poses]:
         told = [name for name in known if recording.truth[name].stamp.size > 0]
         if len(told) > 0:
             raise CltError(
-                f"the ground truth of {', '.join(told)} has no heading; {POSES_FILE_REMEDY}"
+                f"the ground truth of {', '.join(told)} has no heading; give poses in a TOML file "
+                "instead (--init FILE)"
             )
         topics = ", ".join(f"/{name}/ground_truth" for name in names)
         raise CltError(
             f"no ground truth for {', '.join(names)}: --init truth needs {topics}; "
-            f"{POSES_FILE_REMEDY}"
+            "give poses in a TOML file instead (--init FILE)"
         )
     return truths
 
@@ -63,7 +63,8 @@ def first_instant(recording: Recording, truths: Mapping[str, Poses]) -> tuple[in
     best = int(np.argmax(count))
     if count[best] == 0:
         raise CltError(
-            f"ground truth and odometry of no robot overlap in time; {POSES_FILE_REMEDY}"
+            "ground truth and odometry of no robot overlap in time; give poses in a TOML file "
+            "instead (--init FILE)"
         )
     return int(times[best]), [name for name, has in zip(truths, ready[:, best], strict=True) if has]
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from clt.core.diagnostics import Diagnostic
 from clt.core.recording import Floats, Recording
 from clt.initialization.motion.layout import (
     AlternativeLayout,
@@ -33,13 +34,6 @@ SURVEY_TIME_NS = 10_000_000_000
 longer as long as they do not tie all static robots together."""
 MIN_COMMON_STANDSTILL_NS = 500_000_000
 """A common standstill that is worth a layout of the whole team, ns."""
-ONE_STATIC_UNKNOWN = (
-    "only one static robot, {}: the whole team may turn or shift unseen; two are needed"
-)
-ONE_STATIC_KNOWN = (
-    "only one static robot, {}: the whole team may turn around its known position unseen; the pose "
-    "of one moving robot in a TOML file (--init FILE) or a second static robot is needed"
-)
 MAX_ARRANGEMENTS = 8
 """Arrangements of the static robots, up to mirror images, among which the moving ones decide."""
 LOOSE_POSITION_SIGMA = 0.3
@@ -79,9 +73,9 @@ class Survey:
     """All possible arrangements; none where fewer than two static robots can be placed."""
 
     frames: tuple[CandidateFrame, ...]
-    why: str = ""
+    why: Diagnostic | None = None
     """Why there is no frame."""
-    notes: tuple[str, ...] = ()
+    notes: tuple[Diagnostic, ...] = ()
     left_out: tuple[tuple[int, int], ...] = ()
     """Pairs (team indices) whose distance contradicts the others."""
 
@@ -94,16 +88,16 @@ def survey_frames(
     static = list(team.static)
     if len(static) < 2:
         if len(static) == 0:
-            return Survey(
-                (), "no static robot: the whole team may turn or shift unseen; two are needed"
-            )
-        name, placed = static[0].name, static[0].position is not None
-        return Survey((), (ONE_STATIC_KNOWN if placed else ONE_STATIC_UNKNOWN).format(name))
+            return Survey((), Diagnostic("no_static_robot"))
+        alone = {"static": static[0].name}
+        if static[0].position is None:
+            return Survey((), Diagnostic("one_static_robot", values=alone))
+        return Survey((), Diagnostic("one_known_static_robot", values=alone))
     known = {r.name: np.array(r.position) for r in static if r.position is not None}
     surveyed = len(known) >= 2 and not_all_coincident(list(known.values()))
-    notes: tuple[str, ...] = ()
+    notes: tuple[Diagnostic, ...] = ()
     if len(known) == 1 and not surveyed:
-        notes = (f"only {next(iter(known))} has a known position: the frame is built from ranges",)
+        notes = (Diagnostic("one_known_position", next(iter(known))),)
     known = known if surveyed else {}
     standers = list(names) if still - begin >= MIN_COMMON_STANDSTILL_NS else []
     fixed = [r.name for r in static]
@@ -123,12 +117,15 @@ def survey_frames(
         if more[1].rigid.sum() > found.rigid[:first].sum():
             (ends, found), names, waited = more, fixed, True
     if waited:
-        seconds = (later - begin) * 1e-9
-        notes += (f"it took {seconds:.0f} s of ranges until the static robots could be placed",)
+        took = {"took_s": (later - begin) * 1e-9}
+        notes += (Diagnostic("layout_took_time", values=took),)
     left = np.flatnonzero(~found.used)
     notes += tuple(
-        f"the mean distance {team.names[ends[k][0]]}-{team.names[ends[k][1]]} contradicts the "
-        f"others by {found.residual[k]:+.2f} m: its ranges are left out of the start"
+        Diagnostic(
+            "distance_left_out",
+            "-".join(team.names[end] for end in ends[k]),
+            values={"residual_m": float(found.residual[k])},
+        )
         for k in left.tolist()
     )
     made = _arrangements(names, first, known, found, notes)
@@ -159,15 +156,16 @@ def _arrangements(
     static: int,
     known: dict[str, Floats],
     found: TeamLayout,
-    notes: tuple[str, ...],
+    notes: tuple[Diagnostic, ...],
 ) -> Survey:
     """Frames from the possible layouts: two of each where its mirror image differs."""
     lost = [name for i, name in enumerate(names[:static]) if not found.rigid[i]]
     held = [name for name in names[:static] if name not in lost]
     if len(held) < 2:
-        return Survey((), f"too few ranges between the static robots to place {', '.join(lost)}")
+        robots = {"robots": ", ".join(lost)}
+        return Survey((), Diagnostic("layout_too_sparse", values=robots))
     if len(lost) > 0:
-        notes = (*notes, f"too few ranges to place {', '.join(lost)}: left out")
+        notes = (*notes, Diagnostic("static_not_placed", ", ".join(lost)))
     if not found.searched:
         return Survey((), UNSEARCHED)
     first = AlternativeLayout(found.position, found.covariance, found.probability)
@@ -178,9 +176,9 @@ def _arrangements(
         open_ = [name for name in held if names.index(name) in moved]
         held = [name for name in held if name not in open_]
         if len(held) < 2:
-            why = f"too many layouts fit the ranges between the static robots {', '.join(open_)}"
-            return Survey((), why)
-        notes = (*notes, f"too many places are possible of {', '.join(open_)}: left out")
+            robots = {"robots": ", ".join(open_)}
+            return Survey((), Diagnostic("too_many_layouts", values=robots))
+        notes = (*notes, Diagnostic("static_places_open", ", ".join(open_)))
     frames: list[CandidateFrame] = []
     for group in groups:
         frames += _both_sides(names, static, held, known, found.rigid, group)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError
 from clt.core.recording import WORLD_FRAME, Floats, Recording
 from clt.initialization.motion.conflicting_pairs import find_conflicting_pairs
@@ -42,20 +43,6 @@ CERTAIN_POSE_PROBABILITY = 0.9999
 """Probability from which a pose is taken; below it the robot is ambiguous."""
 MAX_START_NIS = 4.0
 """Mean NIS beyond which ranges and odometry contradict each other."""
-MIRROR_BY_CONVENTION = (
-    "ranges do not distinguish this frame from its mirror image: taken is the one in which "
-    "positive omega turns counter-clockwise; three surveyed robots off one line would decide"
-)
-COLLINEAR_SURVEY = (
-    "the frame rests on {} alone: its mirror image at their line and, with their positions "
-    "exchanged, a world turned by half fit the ranges as well; taken are the positions as given "
-    "and the side on which positive omega turns counter-clockwise; a third surveyed robot off "
-    "their line or one known heading would decide"
-)
-CALIBRATION_REMEDY = (
-    "calibrate ranges and odometry, or check noise.sigma_range, noise.sigma_v and "
-    "noise.sigma_omega, or give poses in a TOML file (--init FILE)"
-)
 
 
 @dataclass(frozen=True)
@@ -107,7 +94,10 @@ def from_motion(recording: Recording, settings: FilterSettings) -> Initializatio
     still = {name: standstill_end(recording, name, when.stamp, settings) for name in when.names}
     tried, notes, doubt = attempt_without_conflicts(recording, when.stamp, still, settings)
     found = tried.survey
-    robots = {robot.name: unobservable_status("no odometry") for robot in team.moving}
+    robots = {
+        robot.name: unobservable_status(Diagnostic("start_without_odometry"))
+        for robot in team.moving
+    }
     robots |= {name: unobservable_status(why) for name, why in when.absent.items()}
     robots |= static_robots(team, found, tried.possible)
     robots |= {name: unobservable_status(found.why) for name in when.names}
@@ -123,22 +113,23 @@ def from_motion(recording: Recording, settings: FilterSettings) -> Initializatio
     )
 
 
-def mirror_assumptions(tried: Attempt) -> tuple[str, ...]:
+def mirror_assumptions(tried: Attempt) -> tuple[Diagnostic, ...]:
     """By what a frame was told from its mirror image, where surveyed positions do not do that."""
     if tried.frame is None or len(tried.chosen) == 0:
         return ()
     robots = tried.recording.team.static
     known = {r.name: np.array(r.position) for r in robots if r.position is not None}
     if not tried.frame.surveyed:
-        return (MIRROR_BY_CONVENTION,)
+        return (Diagnostic("mirror_by_convention", severity="information"),)
     if are_collinear(list(known.values())):
-        return (COLLINEAR_SURVEY.format(" and ".join(known)),)
+        anchors = {"anchors": " and ".join(known)}
+        return (Diagnostic("collinear_survey", ", ".join(known), "information", anchors),)
     return ()
 
 
 def attempt_without_conflicts(
     recording: Recording, begin: int, still: Mapping[str, int], settings: FilterSettings
-) -> tuple[Attempt, tuple[str, ...], str]:
+) -> tuple[Attempt, tuple[Diagnostic, ...], Diagnostic | None]:
     """An attempt whose ranges agree; notes on what that took; what stays in doubt.
 
     A pair that contradicts the others is left out where its absence, and no other suspect's, makes
@@ -156,13 +147,12 @@ def attempt_without_conflicts(
     agreeing = [k for k, one in enumerate(less) if placed[k] and len(conflicts_of(one)) == 0]
     if len(agreeing) == 1 and all(placed):
         one = less[agreeing[0]]
-        note = f"the ranges {pairs[agreeing[0]]} contradict the others: left out of the start"
+        note = Diagnostic("pair_left_out", pairs[agreeing[0]])
         return one, (note,), explain_high_nis(one)
     open_ = [pair for k, pair in enumerate(pairs) if k in agreeing or not placed[k]]
-    blame = f"those of {pairs[0]} most"
     if len(open_) > 0:
-        blame = f"those of {' or '.join(open_)} may be biased"
-    return tried, (), f"the ranges contradict each other, {blame}"
+        return tried, (), Diagnostic("ranges_biased", values={"pairs": " or ".join(open_)})
+    return tried, (), Diagnostic("ranges_contradict", values={"pair": pairs[0]})
 
 
 def conflicts_of(tried: Attempt) -> list[tuple[int, int]]:
@@ -170,12 +160,12 @@ def conflicts_of(tried: Attempt) -> list[tuple[int, int]]:
     return [] if tried.settled is None else find_conflicting_pairs(tried.recording, tried.settled)
 
 
-def explain_high_nis(tried: Attempt) -> str:
-    """Why ranges and odometry as a whole cannot be believed; empty where they can."""
+def explain_high_nis(tried: Attempt) -> Diagnostic | None:
+    """Why ranges and odometry as a whole cannot be believed; None where they can."""
     nis = 1.0 if tried.settled is None else tried.settled.poses.nis
     if nis <= MAX_START_NIS:
-        return ""
-    return f"ranges and odometry contradict each other (mean NIS {nis:.1f})"
+        return None
+    return Diagnostic("start_misfit", values={"mean_nis": nis})
 
 
 def attempt_start(
@@ -238,7 +228,7 @@ def search_all_robots(
     return found
 
 
-def robot_statuses(tried: Attempt, doubt: str) -> dict[str, RobotStatus]:
+def robot_statuses(tried: Attempt, doubt: Diagnostic | None) -> dict[str, RobotStatus]:
     """All robots that took part in an attempt; with a `doubt` no pose is more than a guess."""
     frames, team = tried.survey.frames, tried.recording.team
     told: dict[str, RobotStatus] = {}
@@ -248,8 +238,7 @@ def robot_statuses(tried: Attempt, doubt: str) -> dict[str, RobotStatus]:
             name: ambiguous_robot(name, tried.verdict, frames) for name in tried.verdict.shares
         }
         if tried.settled is not None:
-            why = "" if doubt == "" else f"{doubt}: {CALIBRATION_REMEDY}"
-            told |= settled_robots(tried.settled, tried.verdict, why)
+            told |= settled_robots(tried.settled, tried.verdict, doubt)
             poses = {name: candidate.pose.mean for name, candidate in tried.chosen.items()}
     possible = tuple(frame for frame, _ in tried.possible)
     told |= {

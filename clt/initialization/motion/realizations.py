@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from clt.core.diagnostics import Diagnostic
 from clt.core.recording import Floats
 from clt.initialization.motion.layout_minima import minimize_layouts
 from clt.initialization.pair_distances import PairDistances
@@ -35,10 +36,8 @@ TOGETHER = 1 << 20
 """Numbers that are worked on at a time."""
 SAME_LAYOUT_M = 1e-3
 """Layouts closer than this are one minimum, m."""
-UNSEARCHED = (
-    "so many layouts fit the ranges between so many static robots that not all were looked for; "
-    "ranges between more pairs, or some positions in the log, would decide"
-)
+UNSEARCHED = Diagnostic("layout_not_searched")
+"""Not all layouts that the ranges allow were looked at."""
 
 
 @dataclass(frozen=True)

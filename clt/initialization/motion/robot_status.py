@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from clt.core.diagnostics import Diagnostic
 from clt.core.geometry import wrap_angle
 from clt.core.recording import Floats, Robot, Team
 from clt.core.start import InitialPose, known_static_pose
@@ -14,17 +15,13 @@ from clt.initialization.motion.heading_hypotheses import RefinedStart
 from clt.initialization.motion.places import PossiblePosition, distinct_positions
 from clt.initialization.motion.search import Candidate
 from clt.initialization.motion.team import CombinationWeights, JointStart
-from clt.initialization.status import STATED, Alternative, RobotStatus, Status, unobservable_status
+from clt.initialization.status import Alternative, RobotStatus, Status, unobservable_status
 
 MIRROR_POSITION_M, MIRROR_HEADING_RAD = 0.3, 0.3
 """A pose this close to the mirror image of another, m and rad, beyond three sigma, is that."""
 
-TOO_FEW_RANGES = "too few ranges to place it"
-LAYOUT_MIRRORED = "ranges alone do not tell the layout from its mirror image; let the robots turn"
-LAYOUT_PART_MIRRORED = (
-    "a mirror image of a part of the layout fits the ranges as well; ranges between more pairs, or "
-    "its position in the log, would decide"
-)
+TOO_FEW_RANGES = Diagnostic("too_few_ranges")
+LAYOUT_PART_MIRRORED = Diagnostic("layout_part_mirrored")
 
 
 def ambiguous_robot(
@@ -33,12 +30,9 @@ def ambiguous_robot(
     """A robot of which several poses remain possible."""
     shares = verdict.shares[name]
     best, probability = shares[0]
-    what = f"{len(shares)} poses explain its ranges (the best with probability {probability:.2f}); "
-    what += f"let it drive on in curves, or {STATED}"
+    why = Diagnostic("several_poses", values={"count": len(shares), "probability": probability})
     if all(are_mirror_images(best.pose, other.pose, frames[best.frame]) for other, _ in shares[1:]):
-        what = f"this pose (with probability {probability:.2f}) or its mirror image, which only "
-        what += f"turning tells apart; let it turn, or {STATED}"
-    why = f"{what}, or give its pose in a TOML file (--init FILE)"
+        why = Diagnostic("mirrored_pose", values={"probability": probability})
     return RobotStatus(
         "ambiguous", refined_initial_pose(best.pose), probability, why, alternative_poses(shares)
     )
@@ -66,7 +60,7 @@ def alternative_poses(shares: tuple[tuple[Candidate, float], ...]) -> tuple[Alte
 
 
 def settled_robots(
-    settled: JointStart, verdict: CombinationWeights, doubt: str
+    settled: JointStart, verdict: CombinationWeights, doubt: Diagnostic | None
 ) -> dict[str, RobotStatus]:
     """Moving and uncertain static robots whose joint poses are found.
 
@@ -81,7 +75,7 @@ def settled_robots(
         )
         shares = verdict.shares.get(name, ())
         probability = shares[0][1] if len(shares) > 0 else 1.0
-        status: Status = "ok" if doubt == "" else "ambiguous"
+        status: Status = "ok" if doubt is None else "ambiguous"
         found[name] = RobotStatus(status, pose, probability, doubt, alternative_poses(shares))
     return found
 
@@ -117,10 +111,10 @@ def _placed(robot: Robot, possible: tuple[tuple[CandidateFrame, float], ...]) ->
     ]
     if any(frame.log_weight != possible[0][0].log_weight for frame, _ in possible):
         return status_of_positions(places, LAYOUT_PART_MIRRORED)
-    return status_of_positions(places, LAYOUT_MIRRORED)
+    return status_of_positions(places, Diagnostic("layout_mirrored"))
 
 
-def status_of_positions(places: list[PossiblePosition], why: str) -> RobotStatus:
+def status_of_positions(places: list[PossiblePosition], why: Diagnostic) -> RobotStatus:
     """A static robot at one of several places; `why` says so where they differ."""
     best, *rest = distinct_positions(places)
     covariance = np.zeros((3, 3))
@@ -133,7 +127,10 @@ def status_of_positions(places: list[PossiblePosition], why: str) -> RobotStatus
 
 
 def standing_robot(
-    robot: Robot, why: str, frames: tuple[CandidateFrame, ...], poses: Mapping[str, Floats]
+    robot: Robot,
+    why: Diagnostic | None,
+    frames: tuple[CandidateFrame, ...],
+    poses: Mapping[str, Floats],
 ) -> RobotStatus:
     """A robot that never moved: its place by the layout, heading unknown.
 

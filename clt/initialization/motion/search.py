@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clt.core.diagnostics import Diagnostic
 from clt.core.geometry import rotation_matrix
 from clt.core.recording import Floats, Recording
 from clt.initialization.motion.frame import CandidateFrame
@@ -40,7 +41,6 @@ DECIDED_HEADING_SIGMA = 0.1
 """Standard deviation of the heading that ends the search, rad."""
 BLUNT_HEADING_SIGMA = 0.3
 """Standard deviation of the heading beyond which it counts as unknown, rad."""
-TOO_FEW_PLACED_ROBOTS = "no ranges to two static robots, nor to robots that are found"
 
 PlacedRobots = Mapping[str, Floats]
 """Poses (3,) at the start of moving robots that are found already, by name."""
@@ -63,7 +63,7 @@ class PoseSearch:
     candidates: tuple[Candidate, ...]
     end: int
     """Stamp up to which the log was used, ns."""
-    why: str = ""
+    why: Diagnostic | None = None
     lonely: bool = False
     """It hears too few placed robots: found company may help."""
 
@@ -100,13 +100,13 @@ def search_poses(
     robot, odometry = team.robots[team.index(name)], recording.odometry[name]
     last = int(odometry.stamp[-1])
     if still[name] >= last:
-        return PoseSearch((), last, "it never moves: no heading can be told")
+        return PoseSearch((), last, Diagnostic("never_moves"))
     way = integrate_twists(odometry, robot, begin, still[name])
     company = company if len(company) > 0 else [{} for _ in frames]
     task = _SearchTask(recording, name, frames, company, begin, still, settings, way)
     places = [possible_start_points(task, i) for i in range(len(frames))]
     if all(len(found) == 0 for found, _ in places):
-        return PoseSearch((), last, TOO_FEW_PLACED_ROBOTS, lonely=True)
+        return PoseSearch((), last, Diagnostic("too_few_placed_robots"), lonely=True)
     length, end = FIRST_WINDOW_S, begin
     candidates: list[Candidate] = []
     while end < last:
@@ -116,13 +116,11 @@ def search_poses(
             break
         length *= 2.0
     if len(candidates) == 0:
-        return PoseSearch((), end, "no pose explains its ranges")
+        return PoseSearch((), end, Diagnostic("no_pose_fits"))
     blunt = float(np.sqrt(candidates[0].pose.end_covariance[2, 2]))
     if blunt > BLUNT_HEADING_SIGMA or len(candidates) > 6:
-        moved = distance_travelled(way, end)
-        return PoseSearch(
-            (), end, f"it has moved too little ({moved:.2f} m): no heading can be told"
-        )
+        moved = {"moved_m": distance_travelled(way, end)}
+        return PoseSearch((), end, Diagnostic("moved_too_little", values=moved))
     return PoseSearch(tuple(candidates), end)
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError
 from clt.core.recording import WORLD_FRAME, Floats, Recording
 from clt.initialization.motion.layout import (
@@ -30,11 +31,6 @@ from clt.initialization.pair_distances import mean_distances
 from clt.initialization.status import Initialization, RobotStatus, unobservable_status
 from clt.model.settings import FilterSettings
 
-MIRROR_UNDECIDED = "ranges alone do not tell this layout from its mirror image"
-MIRROR_UNDECIDED_ADVICE = (
-    f"{MIRROR_UNDECIDED}; give the position of a robot beside the line of the others"
-)
-
 
 def from_static(recording: Recording, settings: FilterSettings) -> Initialization:
     """Positions of a team of static robots, at its first range.
@@ -54,12 +50,13 @@ def from_static(recording: Recording, settings: FilterSettings) -> Initializatio
     pairs = mean_distances(recording, range(count), begin - 1, int(stamp[-1]), settings.noise)
     found = estimate_layout(pairs, count, known)
     off = float(np.sqrt(np.mean(found.residual[found.used] ** 2)))
-    notes = [f"the layout misses {int(found.used.sum())} mean distances by {off:.3f} m rms"]
+    residual = {"count": int(found.used.sum()), "rms_m": off}
+    notes = [Diagnostic("layout_residual", values=residual)]
     if (left := int(np.count_nonzero(~found.used))) > 0:
-        notes.append(f"{left} mean distance(s) contradict the others: left out")
+        notes.append(Diagnostic("distances_left_out", values={"count": left}))
     on_a_line = not surveyed or are_collinear(list(known.values()))
     if on_a_line and count > max(len(known), 2):
-        notes.append(MIRROR_UNDECIDED)
+        notes.append(Diagnostic("layout_side_unknown"))
     axis = farthest_pair(list(known.values())) if surveyed and on_a_line else None
     robots = {name: _status(found, i, axis) for i, name in enumerate(team.names)}
     frame = team.frame if surveyed else WORLD_FRAME
@@ -87,8 +84,9 @@ def _status(layout: TeamLayout, i: int, axis: tuple[Floats, Floats] | None) -> R
             )
             for p in places
         ]
+    part_open = len(layout.others) > 0
     found = status_of_positions(
-        places, LAYOUT_PART_MIRRORED if len(layout.others) > 0 else MIRROR_UNDECIDED_ADVICE
+        places, LAYOUT_PART_MIRRORED if part_open else Diagnostic("layout_side_open")
     )
     if layout.searched or not places[0].covariance.any():
         return found

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError
 from clt.core.geometry import UNIFORM_HEADING_SIGMA, wrap_angle
 from clt.core.recording import Floats, Recording
@@ -16,7 +17,6 @@ from clt.initialization.pairwise.hypotheses import UNIQUE_PROBABILITY, PairHypot
 from clt.initialization.pairwise.outliers import chi_square_limit
 from clt.initialization.pairwise.pairwise import build_pair, solve_pair
 from clt.initialization.status import (
-    STATED,
     Alternative,
     Initialization,
     RobotStatus,
@@ -29,32 +29,16 @@ SPANS_S = (15, 30, 60)
 
 That of them counts which tells most: odometry drifts, and a longer one may tell less.
 """
-DRIVE_REMEDY = (
-    f"let both robots drive in curves in the first {SPANS_S[-1]} s, or {STATED}, or give its "
-    "pose in a TOML file (--init FILE)"
-)
 MIN_UNOBSERVABLE_ALTERNATIVES = 8
 """A robot with as many alternatives as these is not observable yet."""
 UNKNOWN_HEADING_SIGMA = 0.8
 """Standard deviation of a heading (rad) that is not known at all."""
 MIN_LISTED_PROBABILITY = 1e-3
 """Probability from which an alternative is listed."""
-SEARCH_CUT_OFF = (
-    "the search for the relative pose of {} was cut off: there may be others; " + DRIVE_REMEDY
-)
-OUTLIERS_GUESSED = (
-    "of the ranges of {} some fit to no pose, and which of them is a guess; " + DRIVE_REMEDY
-)
-OUTLIERS_LEFT_OUT = "{}: {} of the ranges (or averages of them) fit to no pose and were left out"
-TOO_MANY_COMBINATIONS = (
-    "there are too many combinations of the poses of all pairs: some of probability {:.2f} were "
-    "left out; " + DRIVE_REMEDY
-)
-PAIRS_CONTRADICT = "the pairs of the team contradict each other; " + DRIVE_REMEDY
-SURVEY_UNUSED = (
-    "the surveyed position of {} is not used in the frame of {}: to start in the world, give the "
-    "pose of a moving robot in a TOML file (--init FILE)"
-)
+DRIVE_SPAN = {"span_s": SPANS_S[-1]}
+"""In which time from the start on driving tells relative poses, s: a value of diagnostics."""
+PAIRS_CONTRADICT = "pairs_contradict"
+"""Kind of the diagnostic of pairs that disagree."""
 FRAME_ROOT = ""
 """What stands for the frame itself among the robots, where poses in it are given."""
 GIVEN_SIGMA = 1e-6
@@ -117,7 +101,7 @@ def rate_initialization(found: Initialization) -> tuple[bool, int, int, float]:
             P = robot.pose.covariance + MIN_RATED_SIGMA**2 * np.eye(3)
             narrow += float(np.log(robot.probability) - 0.5 * np.linalg.slogdet(P)[1])
     return (
-        all(robot.why != PAIRS_CONTRADICT for robot in robots),
+        all(robot.why is None or robot.why.kind != PAIRS_CONTRADICT for robot in robots),
         sum(robot.status == "ok" for robot in robots),
         sum(robot.pose is not None for robot in robots),
         narrow,
@@ -157,14 +141,14 @@ def _from_span(
         for p, joint in zip(probability, joints, strict=True)
     )
     notes = tuple(
-        OUTLIERS_LEFT_OUT.format("-".join(pair), found.left_out)
+        Diagnostic("outliers_left_out", "-".join(pair), values={"count": found.left_out})
         for pair, found in edges.items()
         if found.left_out > 0
     )
     if ego == FRAME_ROOT:
         return Initialization(span[0], True, robots, notes, given=frozenset(given))
     unused = [robot.name for robot in team.static if robot.position is not None]
-    assumed = (SURVEY_UNUSED.format(", ".join(unused), ego),) if len(unused) > 0 else ()
+    spare = Diagnostic("survey_unused", ", ".join(unused), "information", {"ego": ego})
     return Initialization(
         span[0],
         False,
@@ -172,7 +156,7 @@ def _from_span(
         notes,
         frame=f"{ego}/base_link",
         hypotheses=hypotheses,
-        assumed=assumed,
+        assumed=(spare,) if len(unused) > 0 else (),
     )
 
 
@@ -199,10 +183,10 @@ def _statuses(
             )
         elif robot.static or robot.name in recording.odometry:
             robots[robot.name] = unobservable_status(
-                f"no chain of ranges connects it with {reference}"
+                Diagnostic("not_connected", values={"reference": reference})
             )
         else:
-            robots[robot.name] = unobservable_status("no odometry")
+            robots[robot.name] = unobservable_status(Diagnostic("start_without_odometry"))
     return robots
 
 
@@ -251,35 +235,42 @@ def status_from_joints(joints: list[JointHypothesis], k: int, turns: bool) -> Ro
     )
     top = share[mine]
     if is_contradictory(joints[first]):
-        return RobotStatus("ambiguous", best, top, PAIRS_CONTRADICT, rest)
+        why = Diagnostic(PAIRS_CONTRADICT, values=DRIVE_SPAN)
+        return RobotStatus("ambiguous", best, top, why, rest)
     if joints[first].cut > 1.0 - UNIQUE_PROBABILITY:
-        return RobotStatus(
-            "ambiguous", best, top, TOO_MANY_COMBINATIONS.format(joints[first].cut), rest
-        )
+        lost = {"probability": joints[first].cut, **DRIVE_SPAN}
+        why = Diagnostic("too_many_combinations", values=lost)
+        return RobotStatus("ambiguous", best, top, why, rest)
     if top >= UNIQUE_PROBABILITY and is_sharp(best.covariance, turns):
         return RobotStatus("ok", best, top, alternatives=rest)
-    if len(rest) == 0:
-        place = float(np.sqrt(np.linalg.eigvalsh(best.covariance[:2, :2])[-1]))
-        turn = float(np.sqrt(best.covariance[2, 2]))
-        why = f"its pose is known only to {place:.2f} m and {turn:.2f} rad"
-    else:
-        why = f"{len(rest) + 1} poses explain the ranges (this one with probability {top:.3f})"
-    if len(rest) >= MIN_UNOBSERVABLE_ALTERNATIVES or (
+    observable = len(rest) < MIN_UNOBSERVABLE_ALTERNATIVES and not (
         turns and is_too_wide_to_start(best.covariance)
-    ):
-        return RobotStatus(
-            "unobservable", best, top, f"{why}: not observable yet; {DRIVE_REMEDY}", rest
-        )
-    return RobotStatus("ambiguous", best, top, f"{why}; {DRIVE_REMEDY}", rest, open=True)
+    )
+    values = {
+        "count": len(rest) + 1,
+        "probability": top,
+        "sigma_m": float(np.sqrt(np.linalg.eigvalsh(best.covariance[:2, :2])[-1])),
+        "sigma_heading": float(np.sqrt(best.covariance[2, 2])),
+        "observable": observable,
+        **DRIVE_SPAN,
+    }
+    why = Diagnostic("open_pair_pose", values=values)
+    if not observable:
+        return RobotStatus("unobservable", best, top, why, rest)
+    return RobotStatus("ambiguous", best, top, why, rest, open=True)
 
 
 def with_pair_doubts(status: RobotStatus, edges: PairGraph) -> RobotStatus:
     """What is told of a robot, but neither `ok` nor open where a pair may have another solution."""
     cut_off = ["-".join(pair) for pair, found in edges.items() if not found.complete]
     chosen = ["-".join(pair) for pair, found in edges.items() if found.chosen]
-    for pairs, why in ((cut_off, SEARCH_CUT_OFF), (chosen, OUTLIERS_GUESSED)):
-        if status.status == "ok" and len(pairs) > 0:
-            return replace(status, status="ambiguous", why=why.format(", ".join(pairs)))
+    if status.status == "ok" and len(cut_off) > 0:
+        values = {"pairs": ", ".join(cut_off), **DRIVE_SPAN}
+        return replace(status, status="ambiguous", why=Diagnostic("search_cut_off", values=values))
+    if status.status == "ok" and len(chosen) > 0:
+        values = {"pairs": ", ".join(chosen), **DRIVE_SPAN}
+        why = Diagnostic("outliers_guessed", values=values)
+        return replace(status, status="ambiguous", why=why)
     whole = len(cut_off) + len(chosen) == 0 and not any(one.widened for one in edges.values())
     return replace(status, open=status.open and whole)
 

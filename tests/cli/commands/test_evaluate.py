@@ -147,6 +147,9 @@ def test_innovations_that_cannot_be_are_left_out_and_counted(tmp_path, synthetic
     data = json.loads(clt(path, "--json").stdout)
     assert data["ranges"]["count"] == nis.size - 3
     assert data["ranges"]["nis"] < 10.0
+    (found,) = data["diagnostics"]
+    assert (found["severity"], found["values"]["count"]) == ("partial", 3)
+    assert data["warnings"] == []
 
 
 def test_missing_estimate_ends_with_three(tmp_path, synthetic):

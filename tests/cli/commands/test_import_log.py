@@ -67,6 +67,7 @@ def test_calibration_and_json(folder: Path, tmp_path: Path) -> None:
         "odometry": {"R1": 20},
         "truth": {"R0": 20, "R1": 20},
         "ranges": 20,
+        "diagnostics": [],
     }
     log, direct = load(out).recording, thu.read_thu(folder)
     assert log.ranges.range == pytest.approx(0.5 * direct.ranges.raw + 2.0)

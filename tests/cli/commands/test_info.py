@@ -129,6 +129,8 @@ def test_lost_data_is_exit_code_3(clt, tmp_path):
     assert fault["kind"] == "chunk"
     assert fault["data_lost"] is True
     assert err == f"clt: warning: {fault['text']}\n"
+    (found,) = json.loads(out)["diagnostics"]
+    assert (found["kind"], found["severity"], found["text"]) == ("chunk", "partial", fault["text"])
 
 
 def test_standard_input(clt, log):
@@ -189,6 +191,7 @@ def test_recover_of_a_cut_log(clt, tmp_path):
     told = json.loads(out)
     assert code == 3
     assert [fault["kind"] for fault in told["faults"]] == ["truncated"]
+    assert [one["kind"] for one in told["diagnostics"]] == ["truncated"]
     assert told["messages"] == len(messages(saved.read_bytes())) > 100
 
 

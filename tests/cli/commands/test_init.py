@@ -109,6 +109,8 @@ def test_which_mirror_image_was_taken_is_said(clt):
     _, out, err = clt("init", "in.mcap", "--method", "motion", "--json")
     (line,) = json.loads(out)["notes"]
     assert "positive omega turns counter-clockwise" in line
+    (found,) = json.loads(out)["diagnostics"]
+    assert (found["kind"], found["text"]) == ("mirror_by_convention", line)
     assert line in err
     assert "warning" not in err
     assert line in clt("localize", "in.mcap", "-o", "out.mcap")[2]

@@ -237,6 +237,11 @@ def test_a_robot_without_a_pose_is_named_and_the_others_are_localized(clt, tmp_p
     assert code == 3
     assert "clt: warning: R4 has no initial pose: not localized\n" in err
     assert set(json.loads(out)["final"]) == {"R3"}
+    found = [one for one in json.loads(out)["diagnostics"] if one["kind"] == "no_initial_pose"]
+    assert [(one["subject"], one["severity"]) for one in found] == [
+        ("R4", "partial"), ("R5", "partial"),
+    ]  # fmt: skip
+    assert found[0]["text"] == "R4 has no initial pose: not localized"
     told = json.loads(run_record(tmp_path / "out.mcap")["warnings"])
     assert "R5 has no initial pose: not localized" in told
 

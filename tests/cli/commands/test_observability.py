@@ -186,7 +186,7 @@ def test_packets_are_ranged_first(tmp_path, monkeypatch):
     assert CliRunner().invoke(app, raw).exit_code == 0
     result = CliRunner().invoke(app, ["observability", "raw.mcap", "--json"])
     told = json.loads(result.stdout)
-    assert (told["dimension"], told["rank"]) == (13, 13)
+    assert (told["dimension"], told["rank"], told["diagnostics"]) == (13, 13, [])
 
 
 def test_a_result_in_a_frame_of_ranges_is_asked_in_that_frame(tmp_path):

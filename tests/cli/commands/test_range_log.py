@@ -49,7 +49,7 @@ def test_packets_become_ranges_and_odometry(raw, tmp_path):
 def test_json_tells_the_clocks(raw, tmp_path):
     out = tmp_path / "ranges.mcap"
     told = json.loads(clt("range", raw, "-o", out, "--json", "-q").stdout)
-    assert (told["method"], told["warnings"]) == ("clock", [])
+    assert (told["method"], told["warnings"], told["diagnostics"]) == ("clock", [], [])
     assert told["common_clock"].startswith("the listener's clock")
     assert [one["ends"] for one in told["pairs"]][:2] == [["R1", "R2"], ["R1", "R3"]]
     for one in told["pairs"]:

@@ -80,6 +80,7 @@ def test_json(clt):
         "log": "a.mcap",
         "robots": ["R1", "R2", "R3", "R4", "R5"],
         "messages": {"odometry": 120, "ranges": 400, "truth": 205},
+        "diagnostics": [],
     }
 
 

@@ -23,6 +23,7 @@ from clt.sim.motion import drive_paths
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
 from clt.sim.team import team_members
+from tests.messages import reason
 
 DEFAULTS = FilterSettings()
 SIGMA = (0.01, 0.01, 0.01)
@@ -111,9 +112,9 @@ def test_what_is_missing_is_said(scene):
     found = from_motion(replace(recording, truth={}), DEFAULTS)
     assert found.robots["R1"].status == "ok"
     for name in ("R2", "R3"):
-        assert "only one static robot, R1" in found.robots[name].why
-        assert "around its known position" in found.robots[name].why
-        assert "pose of one moving robot" in found.robots[name].why
+        assert "only one static robot, R1" in reason(found.robots[name])
+        assert "around its known position" in reason(found.robots[name])
+        assert "pose of one moving robot" in reason(found.robots[name])
 
 
 def test_a_pose_is_carried_along_by_odometry(scene):

@@ -16,6 +16,7 @@ from clt.sim.motion import drive_paths
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
 from clt.sim.team import team_members
+from tests.messages import note_texts, reason
 
 DEFAULTS = FilterSettings()
 ONE_IN_A_MILLION = 30.7
@@ -63,17 +64,17 @@ def test_a_pair_that_the_layout_rejects_is_left_out_of_everything(five, pair, bi
     recording, starts = five
     found = from_motion(biased(recording, pair, bias), DEFAULTS)
     assert all_right(found, starts)
-    assert [note for note in found.notes if pair in note and "left out" in note] == list(
-        found.notes
+    assert [note for note in note_texts(found) if pair in note and "left out" in note] == list(
+        note_texts(found)
     )
-    assert len(found.notes) == 1
+    assert len(note_texts(found)) == 1
 
 
 def test_true_ranges_are_all_used(five):
     recording, starts = five
     found = from_motion(recording, DEFAULTS)
     assert all_right(found, starts)
-    assert found.notes == ()
+    assert note_texts(found) == ()
 
 
 @pytest.mark.parametrize("pair", ["R1-R3", "R4-R5"])
@@ -81,7 +82,7 @@ def test_a_pair_is_found_out_by_the_drive_where_nobody_stands(pair):
     recording, starts = simulated("shi-sim")
     found = from_motion(biased(recording, pair, 0.6), DEFAULTS)
     assert all_right(found, starts)
-    assert found.notes == (f"the ranges {pair} contradict the others: left out of the start",)
+    assert note_texts(found) == (f"the ranges {pair} contradict the others: left out of the start",)
 
 
 @pytest.mark.parametrize("pair", ["R1-R2", "R1-R3", "R2-R3"])
@@ -89,8 +90,8 @@ def test_without_redundancy_the_robot_is_not_ok(pair):
     recording, _ = simulated("shi-three")
     robot = from_motion(biased(recording, pair, 0.6), DEFAULTS).robots["R3"]
     assert robot.status == "ambiguous"
-    assert "the ranges contradict each other" in robot.why
-    assert "--init FILE" in robot.why
+    assert "the ranges contradict each other" in reason(robot)
+    assert "--init FILE" in reason(robot)
 
 
 @pytest.mark.parametrize("scenario", ["shi-three", "shi-five"])
@@ -99,5 +100,5 @@ def test_antennas_that_delay_every_range(scenario):
     found = from_motion(recording, DEFAULTS)
     for name in starts:
         assert found.robots[name].status == "ambiguous"
-        assert "calibrate" in found.robots[name].why
+        assert "calibrate" in reason(found.robots[name])
     assert found.start.poses.keys() == {"R1"}

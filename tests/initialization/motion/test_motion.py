@@ -11,13 +11,13 @@ from clt.core.errors import CltError
 from clt.core.geometry import wrap_angle
 from clt.estimation import estimators
 from clt.initialization.motion.motion import from_motion
-from clt.initialization.motion.search import TOO_FEW_PLACED_ROBOTS
 from clt.initialization.status import REUSE_SIGMA_FACTOR
 from clt.model.settings import FilterSettings
 from clt.sim.motion import drive_paths
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
 from clt.sim.team import team_members
+from tests.messages import reason, texts
 
 DEFAULTS = FilterSettings()
 STRAIGHT = {"kind": "segments", "segments": [{"duration": 5.0, "v": 0.1, "omega": 0.0}]}
@@ -57,7 +57,7 @@ def test_poses_are_found_and_their_covariance_is_honest(scenario, seed):
     assert found.surveyed == (scenario == "shi-sim")
     for name, start in starts.items():
         robot = found.robots[name]
-        assert (robot.status, robot.why) == ("ok", "")
+        assert (robot.status, reason(robot)) == ("ok", "")
         assert robot.probability > 0.999
         e = error(robot, start)
         assert e @ np.linalg.solve(robot.pose.covariance, e) < 21.1  # 1e-4 of chi-square, 3 dof
@@ -150,7 +150,7 @@ def test_a_straight_line_for_ever_leaves_the_mirror_image():
     recording, starts = simulated(duration=40.0, team__moving=1, robots=robots)
     robot = from_motion(recording, DEFAULTS).robots["line"]
     assert robot.status == "ambiguous"
-    assert "mirror image" in robot.why
+    assert "mirror image" in reason(robot)
     assert len(robot.alternatives) == 1
     total = robot.probability + robot.alternatives[0].probability
     assert total == pytest.approx(1.0, abs=1e-6)
@@ -165,7 +165,7 @@ def test_others_tell_the_side_of_a_robot_that_only_drives_straight():
     recording, starts = simulated(duration=40.0, team__moving=3, robots=robots)
     found = from_motion(recording, DEFAULTS)
     for name, start in starts.items():
-        assert found.robots[name].status == "ok", found.robots[name].why
+        assert found.robots[name].status == "ok", reason(found.robots[name])
         assert np.abs(error(found.robots[name], start)).max() < 0.2
 
 
@@ -174,7 +174,7 @@ def test_a_robot_that_never_moves_is_named_and_the_rest_is_found():
     recording, starts = simulated(duration=20.0, robots=robots)
     found = from_motion(recording, DEFAULTS)
     assert found.robots["still"].status == "unobservable"
-    assert found.robots["still"].why == "it never moves: no heading can be told"
+    assert reason(found.robots["still"]) == "it never moves: no heading can be told"
     assert "still" not in found.start.poses
     for name in set(starts) - {"still"}:
         assert found.robots[name].status == "ok"
@@ -200,7 +200,7 @@ def test_too_few_static_robots(static, why):
     found = from_motion(recording, DEFAULTS)
     for name in starts:
         assert found.robots[name].status == "unobservable"
-        assert found.robots[name].why.startswith(why)
+        assert reason(found.robots[name]).startswith(why)
     assert set(found.start.poses) == set(recording.team.names[:static])
 
 
@@ -216,9 +216,9 @@ def test_a_robot_heard_by_one_static_robot_alone():
     recording, _ = simulated(duration=10.0)
     lost = less(less(less(recording, {"R2", "R4"}), {"R3", "R4"}), {"R5", "R4"})
     found = from_motion(lost, DEFAULTS)
-    assert (found.robots["R4"].status, found.robots["R4"].why) == (
+    assert (found.robots["R4"].status, reason(found.robots["R4"])) == (
         "unobservable",
-        TOO_FEW_PLACED_ROBOTS,
+        "no ranges to two static robots, nor to robots that are found",
     )
     assert found.robots["R3"].status == found.robots["R5"].status == "ok"
 
@@ -231,7 +231,7 @@ def test_the_helped_helps_the_next():
         recording = less(recording, set(ends))
     found = from_motion(recording, DEFAULTS)
     for name, start in starts.items():
-        assert found.robots[name].status == "ok", found.robots[name].why
+        assert found.robots[name].status == "ok", reason(found.robots[name])
         assert np.abs(error(found.robots[name], start)).max() < 0.3
 
 
@@ -239,14 +239,14 @@ def test_unknown_static_robots_that_nothing_ties_together():
     recording, _ = simulated(duration=10.0, team__known=False)
     found = from_motion(less(recording, {"R1", "R2"}), DEFAULTS)
     assert found.robots["R3"].status == "unobservable"
-    assert found.robots["R3"].why == "too few ranges between the static robots to place R2"
+    assert reason(found.robots["R3"]) == "too few ranges between the static robots to place R2"
 
 
 def test_a_robot_without_odometry_is_named():
     recording, _ = simulated(duration=10.0)
     rest = {name: stream for name, stream in recording.odometry.items() if name != "R5"}
     found = from_motion(replace(recording, odometry=rest), DEFAULTS)
-    assert found.robots["R5"].why == "no odometry"
+    assert reason(found.robots["R5"]) == "no odometry"
     assert found.robots["R3"].status == "ok"
     with pytest.raises(CltError, match="nothing to initialize"):
         from_motion(replace(recording, odometry={}), DEFAULTS)
@@ -258,7 +258,7 @@ def test_noise_that_is_not_what_it_is_said_to_be_leaves_no_robot_ok():
     doubtful, calm = from_motion(recording, settings), from_motion(recording, DEFAULTS)
     robot = doubtful.robots["R3"]
     assert robot.status == "ambiguous"
-    assert "contradict each other (mean NIS" in robot.why
+    assert "contradict each other (mean NIS" in reason(robot)
     # Ten times too small a sigma, and the covariance is nevertheless that of the ranges.
     assert np.sqrt(robot.pose.covariance[0, 0]) > 0.3 * np.sqrt(
         calm.robots["R3"].pose.covariance[0, 0]
@@ -334,12 +334,12 @@ def test_a_static_robot_that_nobody_can_decide_about_is_ambiguous_and_the_rest_i
 
 def test_what_settled_the_mirror_image_is_said():
     recording, _ = simulated(duration=10.0)
-    (line,) = from_motion(recording, DEFAULTS).assumed
+    (line,) = texts(from_motion(recording, DEFAULTS).assumed)
     assert "R1 and R2" in line
     assert "positive omega turns counter-clockwise" in line
     assert "a third surveyed robot off their line or one known heading" in line
     recording, _ = simulated("shi-three", duration=20.0)
-    (line,) = from_motion(recording, DEFAULTS).assumed
+    (line,) = texts(from_motion(recording, DEFAULTS).assumed)
     assert "mirror image" in line
     third = [[0.0, 0.0], [12.0, 0.0], [5.0, 9.0]]
     recording, _ = simulated(duration=10.0, team__static=3, team__positions=third)

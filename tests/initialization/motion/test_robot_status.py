@@ -10,6 +10,7 @@ from clt.initialization.motion.heading_hypotheses import RefinedStart
 from clt.initialization.motion.robot_status import ambiguous_robot, are_mirror_images
 from clt.initialization.motion.search import Candidate
 from clt.initialization.motion.team import CombinationWeights
+from tests.messages import reason
 
 ANCHORS = {"S1": np.array([1.0, 1.0]), "S2": np.array([3.0, 3.0])}
 FRAME = CandidateFrame(True, ANCHORS, {}, {}, {}, True, (ANCHORS["S1"], ANCHORS["S2"]))
@@ -48,7 +49,7 @@ def test_the_reason_names_a_mirror_image_only_where_it_is_one(other, told):
         "R", CombinationWeights({"R": a}, {"R": ((a, 0.7), (b, 0.3))}, {0: 1.0}), (FRAME,)
     )
     assert robot.status == "ambiguous"
-    assert told in robot.why
-    assert robot.why.endswith("or give its pose in a TOML file (--init FILE)")
+    assert told in reason(robot)
+    assert reason(robot).endswith("or give its pose in a TOML file (--init FILE)")
     np.testing.assert_allclose(robot.pose.covariance, 2e-4 * np.eye(3))
     assert robot.alternatives[0].probability == 0.3

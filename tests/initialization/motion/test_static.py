@@ -14,9 +14,9 @@ from clt.core.recording import Ranges, Recording, Robot, Team
 from clt.initialization.motion import realizations
 from clt.initialization.motion.frame import survey_frames
 from clt.initialization.motion.motion import from_motion
-from clt.initialization.motion.static import MIRROR_UNDECIDED
 from clt.log.recording.save import save
 from clt.model.settings import FilterSettings
+from tests.messages import kinds, reason
 
 PLACES = np.array([[0.0, 0.0], [2.0, 0.0], [0.5, 1.5], [1.5, 1.0]])
 
@@ -39,7 +39,7 @@ def standing(
 def test_shis_frame() -> None:
     found = from_motion(standing({}), FilterSettings())
     assert not found.surveyed
-    assert MIRROR_UNDECIDED in found.notes
+    assert "layout_side_unknown" in kinds(found.notes)
     for place, robot in zip(PLACES, found.robots.values(), strict=True):
         assert robot.status == "ok"
         assert robot.pose is not None
@@ -51,7 +51,7 @@ def test_known_positions_hold_the_frame() -> None:
     shifted = {i: (float(x) + 5.0, float(y) - 3.0) for i, (x, y) in enumerate(PLACES[:3])}
     found = from_motion(standing(shifted), FilterSettings())
     assert found.surveyed
-    assert MIRROR_UNDECIDED not in found.notes
+    assert "layout_side_unknown" not in kinds(found.notes)
     last = found.robots["R3"].pose
     assert last is not None
     assert last.mean[:2] == pytest.approx([6.5, -2.0], abs=0.01)
@@ -70,7 +70,7 @@ def test_known_positions_name_the_frame() -> None:
 def test_beside_the_line_of_two_known_robots_a_place_is_ambiguous() -> None:
     shifted = {i: (float(x) + 5.0, float(y) - 3.0) for i, (x, y) in enumerate(PLACES[:2])}
     found = from_motion(standing(shifted), FilterSettings())
-    assert MIRROR_UNDECIDED in found.notes
+    assert "layout_side_unknown" in kinds(found.notes)
     assert [robot.status for robot in found.robots.values()] == ["ok", "ok"] + 2 * ["ambiguous"]
     for name, (x, y) in zip(("R2", "R3"), PLACES[2:], strict=True):
         robot = found.robots[name]
@@ -86,7 +86,7 @@ def test_beside_the_line_of_two_known_robots_a_place_is_ambiguous() -> None:
 def test_too_few_ranges() -> None:
     found = from_motion(standing({}, lost=((0, 3), (1, 3))), FilterSettings())
     assert [robot.status for robot in found.robots.values()] == ["ok", "ok", "ok", "unobservable"]
-    assert found.robots["R3"].why == "too few ranges to place it"
+    assert reason(found.robots["R3"]) == "too few ranges to place it"
 
 
 def test_no_ranges() -> None:

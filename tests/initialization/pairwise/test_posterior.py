@@ -20,6 +20,7 @@ from clt.initialization.pairwise.posterior import (
 from clt.initialization.pairwise.team import status_from_joints
 from tests.initialization.pairwise.pair_costs import residuals_and_covariance
 from tests.initialization.pairwise.winding import winding
+from tests.messages import reason
 
 
 def near(e):
@@ -87,4 +88,4 @@ def test_pairs_that_contradict_each_other_are_never_ok():
     _, joints = combine_pairs("A", edges, frozenset())
     found = status_from_joints(joints, 1, turns=True)
     assert found.status == "ambiguous"
-    assert "contradict" in found.why
+    assert "contradict" in reason(found)

@@ -3,6 +3,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError
 from clt.core.geometry import UNIFORM_HEADING_SIGMA, relative_pose, wrap_angle
 from clt.core.start import InitialPose, odometry_start
@@ -10,9 +11,7 @@ from clt.initialization.pairwise.graph import combine_pairs, invert_hypotheses
 from clt.initialization.pairwise.hypotheses import PairHypotheses
 from clt.initialization.pairwise.pairwise import build_pair
 from clt.initialization.pairwise.team import (
-    OUTLIERS_GUESSED,
     PAIRS_CONTRADICT,
-    SEARCH_CUT_OFF,
     from_pairwise,
     rate_initialization,
     status_from_joints,
@@ -22,6 +21,7 @@ from clt.initialization.status import Initialization, RobotStatus, unobservable_
 from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
+from tests.messages import reason
 
 POSES = {
     "R1": np.zeros(3),
@@ -121,7 +121,7 @@ def test_ambiguous_starts_carry_flatter_hypotheses_that_hold_every_robot():
     recording = simulate(load_scenario("li-two", {"duration": 6.0}))
     found = from_pairwise(replace(recording, truth={}), FilterSettings())
     assert found.robots["R2"].status != "ok"
-    assert found.robots["R2"].why != ""
+    assert reason(found.robots["R2"]) != ""
     start = found.start
     assert len(start.hypotheses) > 1
     assert sum(one.probability for one in start.hypotheses) == pytest.approx(1.0)
@@ -181,7 +181,7 @@ def test_combinations_without_room_are_told():
     assert joints[0].cut > 0.9
     robot = status_from_joints(joints, names.index("N3"), turns=True)
     assert (robot.status, robot.open) == ("ambiguous", False)
-    assert "too many combinations" in robot.why
+    assert "too many combinations" in reason(robot)
     assert (
         combine_pairs("R1", {("R1", "N1"): seen("R1", "R2", *others)}, frozenset())[1][0].cut == 0.0
     )
@@ -202,7 +202,7 @@ def test_a_track_without_heading_ends_but_some_ranges_are_looked_at():
     assert sizes[2] == 4
 
 
-def start(sigma, status="ambiguous", probability=1.0, why=""):
+def start(sigma, status="ambiguous", probability=1.0, why=None):
     pose = InitialPose(np.zeros(3), sigma**2 * np.eye(3))
     robot = RobotStatus(status, pose, probability, why)
     ego = RobotStatus("ok", InitialPose(np.zeros(3), np.zeros((3, 3))))
@@ -211,10 +211,10 @@ def start(sigma, status="ambiguous", probability=1.0, why=""):
 
 def test_what_tells_more_is_without_contradiction_then_sure_then_narrow():
     nothing = Initialization(
-        0, False, {"R1": start(1.0).robots["R1"], "R2": unobservable_status("no")}
+        0, False, {"R1": start(1.0).robots["R1"], "R2": unobservable_status(None)}
     )
     better = [
-        start(0.01, why=PAIRS_CONTRADICT),
+        start(0.01, why=Diagnostic(PAIRS_CONTRADICT)),
         nothing,
         start(1.0, probability=0.2),
         start(1.0),
@@ -231,13 +231,13 @@ def test_a_start_with_something_unseen_is_not_open():
     """No filter can settle what is not among its hypotheses."""
     whole = seen("R1", "R2")
     for edge, why in (
-        (replace(whole, complete=False), SEARCH_CUT_OFF),
-        (replace(whole, chosen=True), OUTLIERS_GUESSED),
+        (replace(whole, complete=False), "search for the relative pose of R1-R2 was cut off"),
+        (replace(whole, chosen=True), "of the ranges of R1-R2 some fit to no pose"),
     ):
         edges = {("R1", "R2"): edge}
         sure = with_pair_doubts(RobotStatus("ok", None), edges)
         assert (sure.status, sure.open) == ("ambiguous", False)
-        assert sure.why == why.format("R1-R2")
+        assert why in reason(sure)
         assert not with_pair_doubts(RobotStatus("ambiguous", None, open=True), edges).open
     assert with_pair_doubts(RobotStatus("ambiguous", None, open=True), {("R1", "R2"): whole}).open
     wide = {("R1", "R2"): replace(whole, widened=True)}
