@@ -4,8 +4,9 @@ python benchmarks/behaviour.py --out FILE      write one SHA-256 per case
 python benchmarks/behaviour.py --against FILE  name every case with another digest
 
 A digest covers every message of a result log (topic, stamps, bytes) and its metadata, or the JSON
-of stdout; timings, versions, command lines and `diagnostics` are left out. `--keep FOLDER` keeps the
-results, to see by how much they differ. Each case is a fork of this process, so that imports are paid once.
+of stdout; timings, versions, command lines and `diagnostics` are left out. `--keep FOLDER` keeps
+the results, to see by how much they differ. Each case is a fork of this process, so that imports
+are paid once.
 """
 
 from __future__ import annotations
