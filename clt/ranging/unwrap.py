@@ -11,7 +11,7 @@ from clt.core.ticks import COUNTER_PERIOD_TICKS, TICKS_PER_SECOND, tick_differen
 from clt.jit.kept import CachedKernel
 from clt.ranging.link import REMEMBERED_PACKETS
 
-LINK_KERNEL = CachedKernel("clt.ranging.link", "link")
+LINK_KERNEL = CachedKernel("clt.ranging.link", "link_receptions")
 
 
 class LinkedPackets(NamedTuple):
