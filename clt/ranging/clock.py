@@ -23,7 +23,7 @@ from clt.ranging.measured import MeasuredRanges
 from clt.ranging.states import ClockFilters
 from clt.ranging.unwrap import LinkedPackets
 
-CLOCK_KERNEL = CachedKernel("clt.ranging.sweep", "sweep")
+CLOCK_KERNEL = CachedKernel("clt.ranging.sweep", "run_clock_filters")
 
 
 def range_by_clock_filters(network: LinkedPackets, R: Floats) -> tuple[MeasuredRanges, Indices]:

@@ -14,7 +14,7 @@ from clt.core.recording import Floats, Indices
 from clt.jit.kept import CachedKernel
 from clt.observability.windows.reference import ReferenceTrajectories
 
-WINDOW_KERNEL = CachedKernel("clt.observability.windows.sweep", "sweep")
+WINDOW_KERNEL = CachedKernel("clt.observability.windows.sweep", "add_window_information")
 FIXED_INFORMATION = 1e8
 """Information (1 / m^2) that stands for a coordinate fixed by choice of the frame."""
 
