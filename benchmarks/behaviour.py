@@ -4,8 +4,9 @@ python benchmarks/behaviour.py --out FILE      write one SHA-256 per case
 python benchmarks/behaviour.py --against FILE  name every case with another digest
 
 A digest covers every message of a result log (topic, stamps, bytes) and its metadata, or the JSON
-of stdout; timings, versions and command lines are left out. `--keep FOLDER` keeps the results, to
-see by how much they differ. Each case is a fork of this process, so that imports are paid once.
+of stdout; timings, versions, command lines and `diagnostics` are left out. `--keep FOLDER` keeps
+the results, to see by how much they differ. Each case is a fork of this process, so that imports
+are paid once.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ from clt.cli import entry
 
 SAMPLES = Path(__file__).parents[1] / "sample_logs"
 TIMED = {"timings", "version", "command"}
+SAID_TWICE = {"diagnostics"}
+"""Of JSON: the texts stand in `warnings` and `notes`, too, which older results have."""
 SEEDS = (11, 12, 13)
 RATES = ("--set", "sensors.odometry.rate=20", "--set", "sensors.range.rate=5")
 FRAMES = {
@@ -100,7 +103,7 @@ def plain(value: Any) -> Any:
     """A value without timings, versions and commands, with its texts of JSON taken apart."""
     match value:
         case dict():
-            return {k: plain(v) for k, v in sorted(value.items()) if k not in TIMED}
+            return {k: plain(v) for k, v in sorted(value.items()) if k not in TIMED | SAID_TWICE}
         case list():
             return [plain(v) for v in value]
         case str() if value[:1] in {"{", "["}:
