@@ -197,6 +197,6 @@ def test_of_the_documented_reality_only_the_overtaking_is_told(clt):
     assert {fault["kind"] for fault in json.loads(info.stdout)["faults"]} == {"backwards"}
 
 
-def test_the_readme_documents_that_reality():
-    readme = (Path(__file__).parents[3] / "README.md").read_text()
-    assert all(f"--set {key}" in readme for key in REAL)
+def test_a_page_documents_that_reality():
+    page = (Path(__file__).parents[3] / "docs" / "how-to" / "simulate.md").read_text()
+    assert all(f"--set {key}" in page for key in REAL)
