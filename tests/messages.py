@@ -29,6 +29,11 @@ def remarks(posterior: Posterior) -> tuple[str, ...]:
     return texts(posterior.diagnostics, "information")
 
 
+def warnings_of(posterior: Posterior) -> tuple[str, ...]:
+    """The texts of warnings of a run."""
+    return texts(posterior.diagnostics, "warning")
+
+
 def failings(posterior: Posterior) -> tuple[str, ...]:
     """The texts of what a run could not do or use."""
     return texts(posterior.diagnostics, "partial")

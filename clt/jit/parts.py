@@ -10,6 +10,7 @@ installed one still has what is used here, and without it kernels compile as num
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numba
@@ -80,12 +81,16 @@ def called_as_part(kernel: Any, function: Callable[..., object], options: dict[s
 
     A constant argument is taken like any other number: numba would compile the part once for each.
     """
-    options = options | {"no_cpython_wrapper": True}
-    part = UNTYPED.njit(pipeline_class=PartCompiler, **options)(function)
     number = UNTYPED.types.unliteral
+
+    @cache
+    def part() -> Any:
+        bare = options | {"no_cpython_wrapper": True}
+        return UNTYPED.njit(pipeline_class=PartCompiler, **bare)(function)
 
     def call_template(args: tuple[object, ...], kws: dict[str, object]) -> object:
         kws = {name: number(each) for name, each in kws.items()}
-        return part.get_call_template(tuple(number(each) for each in args), kws)
+        return part().get_call_template(tuple(number(each) for each in args), kws)
 
-    kernel.get_call_template, kernel.get_overload = call_template, part.get_overload
+    kernel.get_call_template = call_template
+    kernel.get_overload = lambda signature: part().get_overload(signature)

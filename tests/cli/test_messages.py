@@ -36,6 +36,10 @@ MISFIT = {
 }  # fmt: skip
 OFFSET = {"kind": "offset", "robots": ["R1", "R2"], "value": 0.5, "place_m": None}
 VALUES = {
+    "fixed_ranges": {"count": 2},
+    "ranges_contradict": {"pair": "R1-R2"},
+    "ranges_biased": {"pairs": "R1-R2 or R1-R3", "cause": OFFSET},
+    "start_misfit": {"mean_nis": 3.0},
     "misfit": MISFIT,
     "idle_static_robots": {"robots": ["R1", "R2", "R3", "R4"]},
     "implausible_odometry_error": {"what": "bias", "value": 0.3, "sigmas": 5.0},
@@ -155,7 +159,7 @@ def test_a_misfit_in_words(change, words):
         ({}, "2 poses explain the ranges (this one with probability 0.750); let both robots drive"),
         ({"count": 1}, "its pose is known only to 0.50 m and 0.25 rad; let both robots drive in"),
         ({"observable": False}, "probability 0.750): not observable yet; let both robots drive in"),
-        ({}, "drive in curves in the first 60 s, or give its pose in a TOML file (--init FILE)"),
+        ({}, "drive in curves in the first 60 s, or state the noise"),
     ],
 )
 def test_an_open_pair_in_words(change, words):

@@ -18,6 +18,7 @@ from clt.model.problem import build_problem
 from clt.model.settings import FilterSettings
 from clt.observability.advice import advise
 from tests.filters.teams import team_recording
+from tests.messages import warnings_of
 
 DEFAULTS = FilterSettings()
 HOUR = 3_600_000_000_000
@@ -50,7 +51,7 @@ def test_idle_robots_change_nothing(frame, name):
     for robot, poses in theirs.poses.items():
         np.testing.assert_array_equal(ours.poses[robot].x, poses.x)
     line = "no range touches Z0, Z1, Z2 and 997 more: static robots that cannot be estimated"
-    assert (f"{line}, left out" in ours.warnings) == (frame != "world")
+    assert (f"{line}, left out" in warnings_of(ours)) == (frame != "world")
 
 
 def test_an_idle_ego_stays():

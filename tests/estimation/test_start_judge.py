@@ -9,7 +9,6 @@ import pytest
 
 from clt.core.geometry import relative_pose, wrap_angle
 from clt.core.start import InitialPose, Start
-from clt.estimation import start_judge
 from clt.estimation.estimators import Estimator, localize_recording
 from clt.estimation.start_judge import expected_nees, too_sure, wide
 from clt.filters.kalman import gaussian
@@ -49,7 +48,7 @@ def test_a_start_that_is_known_well_is_not_looked_at(monkeypatch):
     def never(*_):
         raise AssertionError
 
-    monkeypatch.setattr(start_judge, "solve_mixture", never)
+    monkeypatch.setattr("clt.filters.mixture.mixture.solve_mixture", never)
     recording, start = pair(1, (0.02, 0.02))
     problem = build_problem(recording, start, DEFAULTS, VIEW)
     assert not any(wide(problem))

@@ -113,11 +113,16 @@ def work(parts: Collection[str], jobs: int, console: Console) -> dict[str, float
         running = {
             pool.submit(run, [logs.get(word, word) for word in WORK[part]]): part for part in parts
         }
+        show(parts, console)
         for done in as_completed(running):
             seconds[running[done]] = done.result()
-            left = [name for name in parts if name not in seconds]
-            console.progress(f"  compiling, {len(left)} to go: {', '.join(left)}" if left else "")
+            show([name for name in parts if name not in seconds], console)
     return {name: seconds[name] for name in parts}
+
+
+def show(left: Collection[str], console: Console) -> None:
+    """Name on a terminal what is still to be compiled."""
+    console.progress(f"  compiling, {len(left)} to go: {', '.join(left)}" if len(left) > 0 else "")
 
 
 def run(words: list[str]) -> float:

@@ -32,7 +32,7 @@ from clt.model.known_odometry import (
 from clt.model.problem import build_problem
 from clt.model.settings import FilterSettings, NoiseSettings
 from tests.filters.teams import drive, team_recording
-from tests.messages import failings, remarks
+from tests.messages import failings, remarks, warnings_of
 
 DEFAULTS = FilterSettings()
 SIGMA = (0.1, 0.1, 0.1)
@@ -194,7 +194,7 @@ def test_once_all_has_arrived_lateness_is_forgotten(estimator):
         ),
     )  # fmt: skip
     posterior = received.replay_recording(prompt, start, DEFAULTS, estimator)
-    assert not any("arrived more than" in line for line in posterior.warnings)
+    assert not any("arrived more than" in line for line in warnings_of(posterior))
     stamp = next(iter(posterior.poses.values())).stamp
     expected = sorted_at(recording, start, DEFAULTS, estimator, stamp)
     np.testing.assert_allclose(posterior.mean, expected.mean, atol=1e-9)
@@ -283,7 +283,7 @@ def test_what_comes_later_than_the_lag_is_left_out_and_counted():
     assert (
         f"{slow.sum()} ranges and 0 odometry samples arrived more than 0.25 s after their stamps: "
         "these ranges are not used; raise received.lag"
-    ) in posterior.warnings
+    ) in warnings_of(posterior)
     without = replace(recording, ranges=picked(recording.ranges, ~slow))
     expected = received.replay_recording(without, start, settings)
     for name in ("R1", "R2", "R3"):
@@ -291,7 +291,7 @@ def test_what_comes_later_than_the_lag_is_left_out_and_counted():
     assert posterior.innovations.stamp.size == (~slow).sum()
     patient = received.replay_recording(late, start, FilterSettings(received={"lag": 0.4}))
     assert patient.innovations.stamp.size == rows.size
-    assert not any("received.lag" in line for line in patient.warnings)
+    assert not any("received.lag" in line for line in warnings_of(patient))
 
 
 def test_each_range_is_judged_once_by_what_was_known_when_it_came():
@@ -338,7 +338,7 @@ def test_batches_cost_little_and_are_no_gaps():
     batched = arriving(recording, lambda stamp, name: -(-stamp // (30 * MS)) * 30 * MS)
     posterior = received.replay_recording(batched, start, DEFAULTS, EGO)
     assert posterior.innovations.stamp.size == recording.ranges.stamp.size
-    assert posterior.warnings == ()
+    assert warnings_of(posterior) == ()
     by_stamp = estimators.localize_recording(recording, start, DEFAULTS, EGO)
     for name in ("R2", "R3"):
         price = distance_error(recording, posterior, name) - distance_error(
@@ -400,17 +400,21 @@ def test_dead_reckoning_is_what_was_known_too():
 def test_doubtful_log_times_are_told():
     recording = team_recording(seed=12, seconds=2.0)
     start = from_truth(recording, SIGMA)
-    (same,) = received.replay_recording(recording, start, DEFAULTS).warnings
+    (same,) = warnings_of(received.replay_recording(recording, start, DEFAULTS))
     assert same == "every message arrived at its own stamp: the log tells of no delays"
     hour = 3_600_000 * MS
-    (early,) = received.replay_recording(
-        arriving(recording, lambda stamp, _: stamp - hour), start, DEFAULTS
-    ).warnings
+    (early,) = warnings_of(
+        received.replay_recording(
+            arriving(recording, lambda stamp, _: stamp - hour), start, DEFAULTS
+        )
+    )
     assert early.startswith("odometry arrived 3600.0 s before its stamps")
     late = received.replay_recording(
         arriving(recording, lambda stamp, _: stamp + hour), start, DEFAULTS
     )
-    assert late.warnings[0].startswith("360 ranges and 120 odometry samples arrived more than 1 s")
+    assert warnings_of(late)[0].startswith(
+        "360 ranges and 120 odometry samples arrived more than 1 s"
+    )
     assert late.innovations.stamp.size == 0
     with pytest.raises(CltError, match="no odometry comes after the initial poses"):
         received.replay_recording(recording, replace(start, stamp=2_000 * MS), DEFAULTS)

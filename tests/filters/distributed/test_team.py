@@ -33,7 +33,7 @@ from tests.filters.distributed.dpf_runs import (
     start_of,
     team,
 )
-from tests.messages import remarks
+from tests.messages import remarks, texts
 
 
 def without(recording, name, first, last):
@@ -157,7 +157,7 @@ def test_a_robot_out_of_reach_is_warned_of():
     told = solve_dpf(problem, settings(reach=0.001))
     lines = disconnected_warnings(problem, told)
     assert len(lines) == 2
-    assert lines[0].startswith("R2 was out of reach of R1 for ")
+    assert texts(lines)[0].startswith("R2 was out of reach of R1 for ")
 
 
 def test_too_few_shared_particles_are_refused():
