@@ -125,7 +125,8 @@ def run(case: tuple[str, ...], folder: Path) -> str:
         except SystemExit as end:
             sys.stdout.flush()
             os._exit(end.code if isinstance(end.code, int) else 1)
-        os._exit(99)
+        finally:  # the scratch folder is the parent's
+            os._exit(1)
     code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     if "-o" in case:
         path = folder / case[case.index("-o") + 1]

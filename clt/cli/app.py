@@ -6,6 +6,7 @@ imports only typer; it imports what it needs when it runs.
 
 from __future__ import annotations
 
+import errno
 import functools
 import sys
 import warnings
@@ -69,11 +70,18 @@ COMMANDS = {
         "clt.cli.commands.settings:settings",
         "List every key of --set with type, unit, default and one line.",
     ),
+    "compile": CommandEntry(
+        "clt.cli.commands.compile:compile_all",
+        "Compile all filters at once, so that no later run has to.",
+    ),
     "recover": CommandEntry(
         "clt.cli.commands.recover:recover",
         "Copy everything sound of a damaged log into a sound one, and say what was lost.",
     ),
 }
+
+WRITING = (errno.EBADF, errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of a stream that takes nothing."""
 
 
 def guard(command: Callable[..., int]) -> Callable[..., None]:
@@ -86,11 +94,9 @@ def guard(command: Callable[..., int]) -> Callable[..., None]:
             code = command(*args, **kwargs)
             sys.stdout.flush()
         except CltError as error:
-            print(f"clt: error: {printable(str(error))}", file=sys.stderr)
-            code = error.code
+            code = failed(str(error), error.code, kwargs)
         except MemoryError:
-            print(f"clt: error: {input_names(kwargs)}: memory ran out", file=sys.stderr)
-            code = EXIT_FAILED
+            code = failed(f"{input_names(kwargs)}: memory ran out", EXIT_FAILED, kwargs)
         except OSError as error:
             code = print_os_error(error)
         except KeyboardInterrupt:
@@ -108,12 +114,32 @@ def input_names(arguments: Mapping[str, object]) -> str:
     return printable(", ".join(str(one) for one in flat if one is not None) or "clt")
 
 
+def failed(text: str, code: int, arguments: Mapping[str, object]) -> int:
+    """Say on standard error what went wrong; with --json as an object on standard output, too.
+
+    Not where standard output is what the result itself was to go to.
+    """
+    print(f"clt: error: {printable(text)}", file=sys.stderr)
+    if arguments.get("as_json") is True and str(arguments.get("output")) != "-":
+        import json
+
+        try:
+            print(json.dumps({"error": text, "exit_code": code}), flush=True)
+        except OSError as error:
+            print_os_error(error)
+    return code
+
+
 def print_os_error(error: OSError) -> int:
-    """Say what could not be read or written; a reader of our output that left needs no word."""
+    """Say what could not be read or written; a reader of our output that left needs no word.
+
+    Files that are written are named where that fails: what is not named is standard output.
+    """
     if not isinstance(error, BrokenPipeError):
-        place = f"{error.filename}: " if error.filename is not None else ""
-        text = printable(f"{place}{error.strerror or error}")
-        print(f"clt: error: {text}", file=sys.stderr)
+        unnamed = "standard output" if error.errno in WRITING else None
+        place = unnamed if error.filename is None else error.filename
+        where = "" if place is None else f"{place}: "
+        print(f"clt: error: {printable(f'{where}{error.strerror or error}')}", file=sys.stderr)
     try:
         sys.stdout.flush()
     except OSError:

@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING
 from clt.core.printable import printable
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from clt.core.diagnostics import Diagnostic, Severity
     from clt.core.recording import Fault  # importing it for real would load numpy for `clt --help`
 
 EXIT_DONE, EXIT_FAILED, EXIT_USAGE, EXIT_PARTIAL, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
@@ -16,12 +19,19 @@ EXIT_DONE, EXIT_FAILED, EXIT_USAGE, EXIT_PARTIAL, EXIT_INTERRUPTED = 0, 1, 2, 3,
 
 @dataclass
 class Console:
-    """Diagnostics of one command run; `code` is 3 once something was only partly done."""
+    """What one command run says; `code` is 3 once something was only partly done."""
 
     quiet: bool = False
     verbose: bool = False
     code: int = EXIT_DONE
     warnings: list[str] = field(default_factory=list)
+    """The texts of all that is more than information."""
+    diagnostics: list[dict[str, object]] = field(default_factory=list)
+    """What `--json` carries of everything found."""
+    compile_s: float = 0.0
+    """Seconds that compiling took so far."""
+    shown: bool = field(default=False, init=False)
+    """Whether a line of `progress` stands on the terminal."""
 
     def say(self, text: str) -> None:
         """A line of progress or result for people, silent with -q."""
@@ -33,18 +43,43 @@ class Console:
         if self.verbose:
             print(printable(text), file=sys.stderr)
 
-    def warn(self, text: str, partial: bool = False) -> None:
-        """A warning; `partial` when data was unusable or an estimate is missing (exit code 3).
+    def progress(self, text: str) -> None:
+        """Replace the line that a terminal shows of what is going on; none where text is empty."""
+        if self.shown or (text != "" and not self.quiet and sys.stderr.isatty()):
+            print(f"\r\x1b[K{printable(text)}", end="", file=sys.stderr, flush=True)
+            self.shown = text != ""
 
-        A partial one is said even with -q, for an exit code must not stand unexplained.
-        """
-        self.warnings.append(text)
-        if partial:
-            self.code = EXIT_PARTIAL
-        if not self.quiet or partial:
-            print(f"clt: warning: {printable(text)}", file=sys.stderr)
+    def report(self, found: Iterable[Diagnostic], about: str = "") -> None:
+        """Say what was found; `about` names what a text does not begin with, such as a log."""
+        from clt.cli.messages.render import diagnostic_text
 
-    def report(self, faults: tuple[Fault, ...]) -> None:
+        for one in found:
+            text = diagnostic_text(one)
+            self._note(one, text)
+            begun = about == "" or text.startswith(about)
+            self._print(one.severity, text if begun else f"{about}: {text}")
+
+    def report_faults(self, faults: Iterable[Fault]) -> None:
         """Say what is wrong with a log that was read."""
+        from clt.cli.messages.faults import fault_diagnostic
+
         for fault in faults:
-            self.warn(fault.text, partial=fault.data_lost)
+            found = fault_diagnostic(fault)
+            self._note(found, fault.text)
+            self._print(found.severity, fault.text)
+
+    def _note(self, found: Diagnostic, text: str) -> None:
+        from clt.cli.messages.render import diagnostic_document
+
+        self.diagnostics.append(diagnostic_document(found, text))
+
+    def _print(self, severity: Severity, text: str) -> None:
+        """A partial one is said even with -q, for an exit code must not stand unexplained."""
+        if severity == "information":
+            self.say(text)
+            return
+        self.warnings.append(text)
+        if severity == "partial":
+            self.code = EXIT_PARTIAL
+        if not self.quiet or severity == "partial":
+            print(f"clt: warning: {printable(text)}", file=sys.stderr)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import degrees
 
 from clt.cli.compiling import announce_compilation
 from clt.cli.console import Console
+from clt.core.diagnostics import Diagnostic, Severity
 from clt.core.document import Document
 from clt.core.errors import CltError
 from clt.core.recording import Recording
@@ -13,8 +15,7 @@ from clt.core.settings import read_toml
 from clt.core.start import Start
 from clt.initialization.given.poses import from_poses
 from clt.initialization.given.recorded import from_record
-from clt.initialization.given.truth import from_truth
-from clt.initialization.motion.motion import from_motion
+from clt.initialization.given.truth import from_truth, with_heading
 from clt.initialization.status import Initialization, from_given_start
 from clt.model.settings import FilterSettings
 
@@ -71,16 +72,38 @@ def find_initial_poses(
             print_notes(found, console)
             warn_uncertain_robots(found, console)
             return "pairwise", found
+    from clt.initialization.motion.motion import from_motion  # slow
+
     with announce_compilation(console):
         found = from_motion(recording, settings)
+        if found.contradiction != "":
+            found = with_cause(recording, found, settings)
     print_motion_start(found, recording, console)
     return "motion", found
 
 
+def with_cause(
+    recording: Recording, found: Initialization, settings: FilterSettings
+) -> Initialization:
+    """An initialization that names the likely cause, where its ranges contradict each other."""
+    from clt.cli.messages.causes import cause_text
+    from clt.estimation.contradiction import cause_of
+    from clt.estimation.diagnosis import cause_values
+
+    cause = cause_of(recording, found, settings)
+    if cause is None:
+        return found
+    text = f"{found.contradiction}; likely cause: {cause_text(cause_values(cause))}"
+    robots = {
+        name: replace(robot, why=text) if robot.why.startswith(found.contradiction) else robot
+        for name, robot in found.robots.items()
+    }
+    return replace(found, robots=robots)
+
+
 def print_notes(found: Initialization, console: Console) -> None:
     """Say what was left out and what was assumed."""
-    for note in found.notes:
-        console.warn(note)
+    console.report(Diagnostic("start_note", values={"text": note}) for note in found.notes)
     for line in found.assumed:
         console.say(line)
 
@@ -101,7 +124,8 @@ def complete_start(
         with announce_compilation(console):
             found = complete_given_start(recording, start, settings)
     except CltError as error:
-        console.warn(f"{', '.join(left)}: no initial pose in the file, and {error}", partial=True)
+        reason = {"error": str(error)}
+        console.report([Diagnostic("file_incomplete", ", ".join(left), "partial", reason)])
         return start
     console.say(f"initial poses of {', '.join(left)}: not in the file; from ranges between pairs")
     print_notes(found, console)
@@ -128,20 +152,31 @@ def find_start(
     if isinstance(init, Document):
         start = from_poses(recording, read_toml(init), str(init), settings.initial.sigma, ego)
         return start if ego is not None else complete_start(recording, start, settings, console)
-    _, found = find_initial_poses(recording, init, settings, console, ego, kept=kept)
-    return start_if_any_moves(found, recording)
+    used, found = find_initial_poses(recording, init, settings, console, ego, kept=kept)
+    return start_if_any_moves(found, recording, used, relative=ego is not None)
 
 
-def start_if_any_moves(found: Initialization, recording: Recording) -> Start:
-    """The poses of the robots that are certain. Raises CltError if no moving one is."""
+def start_if_any_moves(
+    found: Initialization, recording: Recording, method: str, *, relative: bool = False
+) -> Start:
+    """The poses of the robots that are certain, in the frame of a robot if `relative`.
+
+    Raises CltError if no moving one is, with the remedies that the log allows.
+    """
     start = found.start
-    if not any(name in recording.odometry for name in start.poses):
-        raise CltError(
-            "no robot can be initialized from motion (the reasons are above); give poses in a TOML "
-            "file (--init FILE), start from the ground truth (--init truth), or ask for relative "
-            "poses (--frame ego:NAME --init pairwise)"
-        )
-    return start
+    if any(name in recording.odometry for name in start.poses):
+        return start
+    truths = (recording.truth.get(name) for name in recording.odometry)
+    headed = any(truth is not None and with_heading(truth).stamp.size > 0 for truth in truths)
+    remedies = ["give poses in a TOML file (--init FILE)"]
+    remedies += ["start from the ground truth (--init truth)"] if headed else []
+    if not relative and len(recording.odometry) + len(recording.team.static) > 1:
+        remedies.append("ask for relative poses (--frame ego:NAME --init pairwise)")
+    options = ", ".join(remedies[:-1]) + (", or " if len(remedies) > 1 else "") + remedies[-1]
+    wrong = found.contradiction
+    said = [one.why for one in found.robots.values() if wrong != "" and one.why.startswith(wrong)]
+    reason = said[0] if len(said) > 0 else "the reasons are above"
+    raise CltError(f"no robot can be initialized from {method} ({reason}); {options}")
 
 
 def warn_uncertain_robots(found: Initialization, console: Console, *, kept: bool = False) -> None:
@@ -152,7 +187,9 @@ def warn_uncertain_robots(found: Initialization, console: Console, *, kept: bool
             lacking = not (kept and robot.open)
             reasons.setdefault((robot.status, robot.why, lacking), []).append(name)
     for (status, why, lacking), names in reasons.items():
-        console.warn(f"{', '.join(names)} ({status}): {why}", partial=lacking)
+        severity: Severity = "partial" if lacking else "warning"
+        values = {"status": status, "why": why}
+        console.report([Diagnostic("uncertain_start", ", ".join(names), severity, values)])
 
 
 def print_motion_start(found: Initialization, recording: Recording, console: Console) -> None:

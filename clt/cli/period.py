@@ -97,22 +97,23 @@ def select_usable_part(loaded: LoadedLog, period: Period, console: Console) -> R
     `clt.log.recording.clocks.timeline`) the one with the most messages. Raises UsageError for a
     period without data, CltError where no part has both odometry and ranges though the log does.
     """
+    from clt.core.diagnostics import Diagnostic
     from clt.core.errors import CltError
     from clt.log.recording.clocks.excerpt import extract_part
     from clt.log.recording.clocks.findings import CLOCK_FAULT_KINDS
     from clt.log.recording.clocks.timeline import find_timeline, timeline_faults
 
     whole = loaded.recording
-    console.report(tuple(fault for fault in whole.faults if fault.kind not in CLOCK_FAULT_KINDS))
+    console.report_faults(fault for fault in whole.faults if fault.kind not in CLOCK_FAULT_KINDS)
     recording = cut_to_period(loaded, period)
     timeline = find_timeline(recording, results=True)
     if timeline is None:
         return recording
-    console.report(timeline_faults(timeline, loaded.path))
+    console.report_faults(timeline_faults(timeline, loaded.path))
     part = timeline.parts[0]
     text = used_part_text(timeline, part)
     if len(text) > 0:
-        console.warn(f"{loaded.path}: {text}", partial=True)
+        console.report([Diagnostic("part_used", loaded.path, "partial", {"text": text})])
     chosen = extract_part(recording, timeline, part)
     lost = [
         what

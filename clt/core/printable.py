@@ -26,3 +26,8 @@ def printable(text: str, most: int = MAX_LINE_CHARS) -> str:
 def printable_name(text: str, most: int = MAX_NAME_CHARS) -> str:
     """A name that a log gives."""
     return printable(text, most)
+
+
+def count_text(count: int, what: str) -> str:
+    """So many of something: `1 range`, `2 ranges`."""
+    return f"{count} {what}{'' if count == 1 else 's'}"

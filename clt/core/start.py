@@ -40,6 +40,18 @@ class Start:
     """Everything that the poses may be, the most probable first, which is `poses`; empty where
     nothing else is possible."""
 
+    @property
+    def placed(self) -> frozenset[str]:
+        """The robots whose position is certain in some direction: it holds the frame there.
+
+        What is uncertain in every direction is estimated from ranges, as a robot without a pose is.
+        """
+        return frozenset(
+            name
+            for name, pose in self.poses.items()
+            if not np.all(np.linalg.eigvalsh(pose.covariance[:2, :2]) > 0.0)
+        )
+
 
 def median_period(stamp: Stamps) -> int:
     """Median period of a stream in ns; 0 for a single sample."""

@@ -48,12 +48,12 @@ class Cause:
     """What may be wrong with a log."""
 
     kind: str
-    """offset (of all ranges, one node's, a pair's), gain, late, clock, anchor, scale, turn scale,
-    bias, sign, swap, range noise, odometry noise."""
+    """offset (of all ranges, one node's, a pair's), gain, late, clock, anchor, baseline (of two
+    anchors), scale, turn scale, bias, sign, swap, range noise, odometry noise."""
     who: tuple[str, ...]
     """The robots concerned; none: all."""
     value: float = 0.0
-    """m, share, s, s, m, share, share, rad/s; of noise the factor."""
+    """m, share, s, s, m, m, share, share, rad/s; of noise the factor."""
     place: tuple[float, float] | None = None
     """Where an anchor is rather, m."""
 

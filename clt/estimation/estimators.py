@@ -6,20 +6,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from clt.core.diagnostics import DIVERGED, Diagnostic, Severity
 from clt.core.geometry import UNIFORM_HEADING_SIGMA
 from clt.core.recording import Floats, Innovations, Poses, Recording, Stamps
 from clt.core.start import Start
-from clt.estimation.diagnosis import misfit_line
+from clt.estimation.diagnosis import misfit_diagnostic
 from clt.estimation.finite import finite_rows
+from clt.estimation.later import later
 from clt.estimation.nis_check import find_misfit
-from clt.estimation.posterior import Posterior
+from clt.estimation.posterior import Posterior, add_diagnostics
 from clt.estimation.searches import found_robot_warnings, vain_search_remarks
-from clt.estimation.start_draws import start_sensitive_robots
-from clt.filters.distributed import dpf
+from clt.estimation.start_judge import too_sure
 from clt.filters.filterpy import engine
-from clt.filters.kalman import eskf, gaussian, ukf
-from clt.filters.mixture import mixture
-from clt.filters.particle import particles
+from clt.filters.kalman import eskf, gaussian
 from clt.model.belief import Belief, belief_block_moments, is_valid_covariance, state_mean_and_sigma
 from clt.model.choices import FrameSpec
 from clt.model.inputs import RangeTable
@@ -28,7 +27,7 @@ from clt.model.settings import FilterSettings
 from clt.model.solution import Filter, Solution
 from clt.model.state_space import ODOMETRY_ERROR_STATES, WORLD_REFERENCE
 
-MIN_UNIQUE_PROBABILITY = 0.999
+MIN_UNIQUE_PROBABILITY = 0.99
 """A robot whose leading pose is less probable than this may be elsewhere."""
 MAX_DROPPED_PROBABILITY = 0.01
 """Probability of hypotheses dropped for want of room that is worth a word."""
@@ -41,10 +40,10 @@ DIVERGED_REJECTED_SHARE = 0.5
 FILTERS: dict[str, Filter] = {
     "eskf": gaussian.solve_eskf,
     "ekf": gaussian.solve_ekf,
-    "ukf": ukf.solve_ukf,
-    "mixture": mixture.solve_mixture,
-    "pf": particles.solve_pf,
-    "dpf": dpf.solve_dpf,
+    "ukf": later("kalman.ukf", "solve_ukf"),
+    "mixture": later("mixture.mixture", "solve_mixture"),
+    "pf": later("particle.particles", "solve_pf"),
+    "dpf": later("distributed.dpf", "solve_dpf"),
 }
 """By the name that `--filter` takes."""
 FILTERPY_FILTERS: dict[str, Filter] = {
@@ -55,7 +54,7 @@ FILTERPY_FILTERS: dict[str, Filter] = {
 FILTERS_WITHOUT_SEARCH: dict[str, Filter] = {
     "eskf": gaussian.solve_eskf_without_search,
     "ekf": gaussian.solve_eskf_without_search,
-    "ukf": ukf.solve_ukf_without_search,
+    "ukf": later("kalman.ukf", "solve_ukf_without_search"),
 }
 """Filters of one Gaussian, without their search for lost robots."""
 MULTI_HYPOTHESIS_FILTERS = frozenset({"mixture", "pf", "dpf"})
@@ -154,9 +153,9 @@ def diverged_robots(problem: Problem, solution: Solution) -> tuple[str, ...]:
     return tuple(lost)
 
 
-def unique_pose_remarks(problem: Problem, solution: Solution) -> tuple[str, ...]:
-    """One line for each block whose several possible poses came down to one; none of lost ones."""
-    lines, lost = [], diverged_robots(problem, solution)
+def unique_pose_remarks(problem: Problem, solution: Solution) -> tuple[Diagnostic, ...]:
+    """One for each block whose several possible poses came down to one; none of lost ones."""
+    found, lost = [], diverged_robots(problem, solution)
     for i, name in enumerate(problem.robots):
         if name in lost:
             continue
@@ -164,34 +163,27 @@ def unique_pose_remarks(problem: Problem, solution: Solution) -> tuple[str, ...]
         doubtful = np.flatnonzero(share < MIN_UNIQUE_PROBABILITY)
         if doubtful.size > 0 and doubtful[-1] + 1 < share.size:
             seconds = float(stamp[doubtful[-1] + 1] - problem.start) * 1e-9
-            lines.append(f"the pose of {name} was unique after {seconds:.1f} s")
-    return tuple(lines)
+            found.append(Diagnostic("unique_pose", name, "information", {"after_s": seconds}))
+    return tuple(found)
 
 
-def ambiguity_warnings(problem: Problem, solution: Solution) -> tuple[str, ...]:
-    """One line for each block that may, in the end, still be somewhere else altogether."""
-    lines = []
+def ambiguity_warnings(problem: Problem, solution: Solution) -> tuple[Diagnostic, ...]:
+    """One for each block that may, in the end, still be somewhere else altogether."""
+    found = []
     for i, name in enumerate(problem.robots):
         share, _ = mode_probabilities(problem, solution, i)
         if share.size > 0 and share[-1] < MIN_UNIQUE_PROBABILITY:
-            lines.append(
-                f"{name} is ambiguous: its most probable pose at the end has probability "
-                f"{share[-1]:.4f}, and {MIN_UNIQUE_PROBABILITY} is sure; "
-                "longer or more winding driving of both "
-                "robots would tell"
-            )
-    return tuple(lines)
+            values = {"probability": float(share[-1]), "sure": MIN_UNIQUE_PROBABILITY}
+            found.append(Diagnostic("ambiguous_pose", name, "partial", values))
+    return tuple(found)
 
 
-def dropped_warning(solution: Solution) -> tuple[str, ...]:
-    """A line where a mixture had no room for hypotheses that may have been right."""
+def dropped_warning(solution: Solution, severity: Severity) -> tuple[Diagnostic, ...]:
+    """One where a mixture had no room for hypotheses that may have been right."""
     if solution.dropped <= MAX_DROPPED_PROBABILITY:
         return ()
-    line = (
-        f"hypotheses of probability {solution.dropped:.2f} were dropped for want of room: what "
-        "became unique may be wrong; raise mixture.components (dpf: dpf.particles)"
-    )
-    return (line,)
+    values = {"probability": float(solution.dropped)}
+    return (Diagnostic("hypotheses_dropped", "", severity, values),)
 
 
 def mode_probabilities(problem: Problem, solution: Solution, block: int) -> tuple[Floats, Stamps]:
@@ -201,27 +193,31 @@ def mode_probabilities(problem: Problem, solution: Solution, block: int) -> tupl
     return share, problem.outputs.stamp[own]
 
 
-def odometry_error_remarks(problem: Problem, belief: Belief) -> tuple[str, ...]:
-    """One line for each driver whose odometry's errors were estimated."""
-    lines = []
+def odometry_error_remarks(problem: Problem, belief: Belief) -> tuple[Diagnostic, ...]:
+    """One for each driver whose odometry's errors were estimated."""
+    found = []
     for name, s in zip(problem.drivers, problem.space.calibration.tolist(), strict=True):
         if s >= 0:
             (v, sigma_v), (omega, sigma_omega), (bias, sigma) = (
                 state_mean_and_sigma(belief, s + k) for k in range(ODOMETRY_ERROR_STATES)
             )
-            lines.append(
-                f"odometry of {name}: scale of v {1.0 + v:.4f} (sigma {sigma_v:.4f}), "
-                f"of omega {1.0 + omega:.4f} (sigma {sigma_omega:.4f}), "
-                f"bias {bias:+.4f} rad/s (sigma {sigma:.4f})"
-            )
-    return tuple(lines)
+            values = {
+                "scale_v": 1.0 + v,
+                "sigma_scale_v": sigma_v,
+                "scale_omega": 1.0 + omega,
+                "sigma_scale_omega": sigma_omega,
+                "bias": bias,
+                "sigma_bias": sigma,
+            }
+            found.append(Diagnostic("odometry_errors", name, "information", values))
+    return tuple(found)
 
 
 def implausible_error_warnings(
     problem: Problem, belief: Belief, settings: FilterSettings
-) -> tuple[str, ...]:
-    """A line where errors of odometry are estimated far beyond what the settings allow for."""
-    lines = []
+) -> tuple[Diagnostic, ...]:
+    """One where errors of odometry are estimated far beyond what the settings allow for."""
+    found = []
     for d, name in enumerate(problem.drivers):
         s = problem.space.calibration[d]
         if s < 0:
@@ -230,43 +226,36 @@ def implausible_error_warnings(
         for k, (what, sigma) in enumerate(allowed):
             value, _ = state_mean_and_sigma(belief, s + k)
             if sigma > 0.0 and abs(value) > MAX_ODOMETRY_ERROR_SIGMAS * sigma:
-                lines.append(
-                    f"odometry of {name}: the error of its {what} is estimated as {value:+.3f}, "
-                    f"{abs(value) / sigma:.1f} times the standard deviation that the settings "
-                    "state: the filter went astray, or noise.scale, noise.scale_omega, noise.bias "
-                    "are too small"
-                )
-    return tuple(lines)
+                values = {"what": what, "value": value, "sigmas": abs(value) / sigma}
+                found.append(Diagnostic("implausible_odometry_error", name, "partial", values))
+    return tuple(found)
 
 
-def traffic_remarks(solution: Solution) -> tuple[str, ...]:
-    """One line for each robot of a distributed filter: what it sent and heard."""
+def traffic_remarks(solution: Solution) -> tuple[Diagnostic, ...]:
+    """One for each robot of a distributed filter: what it sent and heard."""
     return tuple(
-        f"{name} sent {own['messages_sent']} messages, {own['bytes_sent']} bytes, and heard "
-        f"{own['messages_heard']}, {own['bytes_heard']} bytes"
-        for name, own in solution.traffic.items()
+        Diagnostic("traffic", name, "information", own) for name, own in solution.traffic.items()
     )
 
 
-def disconnected_warnings(problem: Problem, solution: Solution) -> tuple[str, ...]:
-    """One line for each robot that a distributed filter's ego knew too little of."""
-    whole = (problem.end - problem.start) * 1e-9
+def disconnected_warnings(problem: Problem, solution: Solution) -> tuple[Diagnostic, ...]:
+    """One for each robot that a distributed filter's ego knew too little of."""
+    whole = {"ego": problem.drivers[0], "whole_s": (problem.end - problem.start) * 1e-9}
     return tuple(
-        f"{name} was out of reach of {problem.drivers[0]} for {seconds:.1f} of {whole:.1f} s: "
-        "its odometry was not known meanwhile; raise dpf.reach or add links to dpf.graph"
+        Diagnostic("out_of_reach", name, "partial", {**whole, "apart_s": seconds})
         for name, seconds in solution.apart.items()
     )
 
 
-def fixed_ranges_remark(problem: Problem, recording: Recording) -> tuple[str, ...]:
-    """A line on the ranges between robots that are held fixed, which no estimate needs."""
+def fixed_ranges_remark(problem: Problem, recording: Recording) -> tuple[Diagnostic, ...]:
+    """One on the ranges between robots that are held fixed, which no estimate needs."""
     ends = np.append(problem.ranges.a, problem.ranges.b)
     fixed = -1 - np.unique(ends[ends < 0])
     ranges = recording.ranges
     count = int(np.sum(np.isin(ranges.source, fixed) & np.isin(ranges.target, fixed)))
     if count == 0:
         return ()
-    return (f"{count} ranges between static robots of known position are left out",)
+    return (Diagnostic("fixed_ranges", "", "information", {"count": count}),)
 
 
 def localize_recording(
@@ -279,31 +268,20 @@ def localize_recording(
     problem = build_problem(recording, start, settings, estimator.view)
     solution = estimator.run(problem, settings)
     posterior = make_posterior(recording, problem, solution, settings, estimator.filter)
-    return replace(
-        posterior,
-        left_out=(
-            *posterior.left_out,
-            *start_sensitivity_warning(problem, solution, settings, estimator),
-        ),
-    )
+    return add_diagnostics(posterior, overconfident(problem, solution, settings, estimator))
 
 
-def start_sensitivity_warning(
+def overconfident(
     problem: Problem, solution: Solution, settings: FilterSettings, estimator: Estimator
-) -> tuple[str, ...]:
-    """A line where the estimate of one Gaussian hangs on where its start was taken."""
-    alone = FILTERS_WITHOUT_SEARCH.get(estimator.filter)
-    if alone is None:
+) -> tuple[Diagnostic, ...]:
+    """One where a start was too uncertain for a filter of one Gaussian."""
+    if estimator.filter not in FILTERS_WITHOUT_SEARCH:
         return ()
-    names = start_sensitive_robots(problem, solution, lambda other: alone(other, settings))
+    names = too_sure(problem, solution, settings)
     if len(names) == 0:
         return ()
-    line = (
-        f"{', '.join(names)}: starts as likely as the given one lead elsewhere, further off than "
-        f"{estimator.filter} states: its start is too uncertain for one Gaussian; use --filter "
-        "mixture, or start from a better known pose"
-    )
-    return (line,)
+    values = {"filter": estimator.filter}
+    return (Diagnostic("start_too_uncertain", ", ".join(names), "partial", values),)
 
 
 def make_posterior(
@@ -319,38 +297,35 @@ def make_posterior(
     decided = len(unique) > 0
     names, source = recording.team.names, recording.ranges.source
     misfit = find_misfit(problem, solution, settings, source, names)
-    crowded = dropped_warning(solution)
-    return Posterior(
+    found = (
+        *unique,
+        *vain_search_remarks(problem, solution),
+        *odometry_error_remarks(problem, solution.belief),
+        *traffic_remarks(solution),
+        *fixed_ranges_remark(problem, recording),
+        *problem.diagnostics,
+        *found_robot_warnings(problem, solution),
+        *disconnected_warnings(problem, solution),
+        *ambiguity_warnings(problem, solution),
+        *implausible_error_warnings(problem, solution.belief, settings),
+        *dropped_warning(solution, "partial" if decided else "warning"),
+        *(
+            ()
+            if misfit is None
+            else (misfit_diagnostic(misfit, problem, names, filter_, decided=decided),)
+        ),
+        *(Diagnostic(DIVERGED, name, "partial") for name in diverged_robots(problem, solution)),
+    )
+    posterior = Posterior(
         filter_,
         problem.robots,
         trajectories_by_robot(problem, solution),
         innovation_table(problem, solution, recording),
         np.array([mean for mean, _ in ends]),
         np.array([mask_unknown_heading(problem, b, P[None])[0] for b, (_, P) in enumerate(ends)]),
-        (
-            *unique,
-            *vain_search_remarks(problem, solution),
-            *odometry_error_remarks(problem, solution.belief),
-            *traffic_remarks(solution),
-            *fixed_ranges_remark(problem, recording),
-        ),
-        (*problem.notes, *(() if decided else crowded)),
-        (
-            *problem.left_out,
-            *found_robot_warnings(problem, solution),
-            *disconnected_warnings(problem, solution),
-            *ambiguity_warnings(problem, solution),
-            *implausible_error_warnings(problem, solution.belief, settings),
-            *(crowded if decided else ()),
-            *(
-                ()
-                if misfit is None
-                else (misfit_line(misfit, problem, names, filter_, decided=decided),)
-            ),
-        ),
-        diverged_robots(problem, solution),
-        solution.traffic,
+        traffic=solution.traffic,
     )
+    return add_diagnostics(posterior, found)
 
 
 def dead_reckon_recording(

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from clt.core.diagnostics import DIVERGED, Diagnostic
 from clt.core.recording import Floats, Innovations, Poses
-from clt.estimation.posterior import Posterior
+from clt.estimation.posterior import Posterior, add_diagnostics
 from clt.model.belief import MAX_NEGATIVE_VARIANCE
 
 MAX_MAGNITUDE = 1e12
@@ -52,31 +53,23 @@ def finite_innovations(innovations: Innovations) -> tuple[Innovations, int]:
 
 
 def keep_finite(posterior: Posterior) -> Posterior:
-    """The posterior with only the rows that hold numbers; the others are counted in `left_out`.
+    """The posterior with only the rows that hold numbers; the others are counted.
 
     Robots that lose any have diverged; those that lose all have no trajectory.
     """
     poses: dict[str, Poses] = {}
-    left_out, diverged = list(posterior.left_out), list(posterior.diverged)
+    found: list[Diagnostic] = []
     for name, track in posterior.poses.items():
         kept, lost = finite_poses(track)
         if lost > 0:
-            left_out.append(
-                f"{lost} of {track.x.size} estimates of {name} are no numbers: left out"
-            )
-            diverged += [name] if name not in diverged else []
+            counts = {"count": lost, "total": int(track.x.size)}
+            found.append(Diagnostic("estimates_not_finite", name, "partial", counts))
+            if name not in posterior.diverged:
+                found.append(Diagnostic(DIVERGED, name, "partial"))
         if kept.stamp.size > 0:
             poses[name] = kept
     innovations, lost = finite_innovations(posterior.innovations)
     if lost > 0:
-        left_out.append(
-            f"{lost} of {posterior.innovations.stamp.size} range innovations are no numbers: "
-            "left out; look at the stamps and the noise settings"
-        )
-    return replace(
-        posterior,
-        poses=poses,
-        innovations=innovations,
-        left_out=tuple(left_out),
-        diverged=tuple(diverged),
-    )
+        counts = {"count": lost, "total": int(posterior.innovations.stamp.size)}
+        found.append(Diagnostic("innovations_not_finite", "", "partial", counts))
+    return add_diagnostics(replace(posterior, poses=poses, innovations=innovations), found)

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri, ndtri
 
 from clt.core.recording import Floats, Indices
 from clt.estimation.causes import (
@@ -34,6 +33,7 @@ from clt.estimation.perturbed import (
 )
 from clt.estimation.restart import restart_problem
 from clt.filters.kalman import eskf
+from clt.metrics.quantiles import chi_square_quantile, normal_quantile
 from clt.metrics.residuals import (
     PairResiduals,
     correlation_score,
@@ -188,7 +188,7 @@ def mean_nis_and_limit(problem: Problem, solution: Solution) -> tuple[float, flo
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         nis = float(np.mean(solution.residual[used] ** 2 / solution.variance[used]))
     count = float(np.sum(table.variance[used] / table.weight_variance[used]))
-    return nis, float(chdtri(count, FALSE_ALARM_PROBABILITY)) / count
+    return nis, chi_square_quantile(1.0 - FALSE_ALARM_PROBABILITY, count) / count
 
 
 def independent_share(problem: Problem, key: Indices, figures: PairResiduals) -> Floats:
@@ -202,7 +202,7 @@ def independent_share(problem: Problem, key: Indices, figures: PairResiduals) ->
 
 def misfit_pairs(figures: PairResiduals, worth: Floats) -> NDArray[np.bool_]:
     """Which pairs (P,) do not fit beyond chance and harmlessness."""
-    limit = -float(ndtri(FALSE_ALARM_PROBABILITY / (8.0 * max(figures.pair.size, 1))))
+    limit = -normal_quantile(FALSE_ALARM_PROBABILITY / (8.0 * max(figures.pair.size, 1)))
     with np.errstate(invalid="ignore"):
         shifted = (np.abs(offset_score(figures, worth)) > limit) & (
             np.abs(figures.offset) > MAX_OFFSET_SIGMAS
@@ -222,7 +222,7 @@ def misfit_pairs(figures: PairResiduals, worth: Floats) -> NDArray[np.bool_]:
 
 def has_misfit_hint(figures: PairResiduals, worth: Floats, hint: float) -> bool:
     """Whether any pair shows a share of what does harm, beyond chance."""
-    limit = -float(ndtri(FALSE_ALARM_PROBABILITY / (8.0 * max(figures.pair.size, 1))))
+    limit = -normal_quantile(FALSE_ALARM_PROBABILITY / (8.0 * max(figures.pair.size, 1)))
     with np.errstate(invalid="ignore"):
         shifted = np.abs(figures.offset) > hint * MAX_OFFSET_SIGMAS
         repeated = (figures.repeat > hint * MAX_AUTOCORRELATION) & (worth > MIN_WHITE_SHARE)

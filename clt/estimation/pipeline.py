@@ -14,7 +14,6 @@ from clt.estimation.estimators import DEFAULT_ESTIMATOR, Estimator
 from clt.estimation.finite import finite_poses, keep_finite
 from clt.estimation.noise_used import noise_used
 from clt.estimation.posterior import Posterior
-from clt.estimation.replay import received
 from clt.model.settings import FilterSettings
 
 
@@ -43,6 +42,8 @@ def estimate(
     Raises CltError where nothing can be estimated.
     """
     if as_received:
+        from clt.estimation.replay import received  # noqa: PLC0415 - slow, and only wanted here
+
         posterior = received.replay_recording(recording, start, settings, estimator)
         baseline = received.dead_reckon_replay(recording, start, settings, estimator.view)
     else:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 
+from clt.core.diagnostics import DIVERGED, Diagnostic, by_severity
 from clt.core.recording import Floats, Innovations, Poses
 
 
@@ -23,13 +24,17 @@ class Posterior:
     """(x, y, heading) of each robot at the end, shape (n, 3)."""
     covariance: Floats
     """Of the same, shape (n, 3, 3)."""
-    remarks: tuple[str, ...] = ()
-    """What was found out besides, one line each."""
-    warnings: tuple[str, ...] = ()
-    """What a user must know about this run, one line each."""
-    left_out: tuple[str, ...] = ()
-    """What could not be estimated and why, one line each."""
-    diverged: tuple[str, ...] = ()
-    """Robots whose estimate cannot be trusted."""
+    diagnostics: tuple[Diagnostic, ...] = ()
+    """What was found out besides, in the order of `by_severity`."""
     traffic: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     """Messages and bytes that each robot of a distributed filter sent and heard."""
+
+    @property
+    def diverged(self) -> tuple[str, ...]:
+        """Robots whose estimate cannot be trusted."""
+        return tuple(one.subject for one in self.diagnostics if one.kind == DIVERGED)
+
+
+def add_diagnostics(posterior: Posterior, found: Iterable[Diagnostic]) -> Posterior:
+    """The posterior with what was found besides."""
+    return replace(posterior, diagnostics=by_severity((*posterior.diagnostics, *found)))

@@ -19,6 +19,13 @@ REUSE_SIGMA_FACTOR = 3.0
 standard deviation, so that their information counts 1.1 times, not twice."""
 
 
+STATED = (
+    "state the noise where it is smaller than assumed (noise.sigma_v, noise.sigma_omega, "
+    "noise.sigma_range; clt settings noise)"
+)
+"""A remedy: the noise that is assumed decides what ranges can tell apart."""
+
+
 @dataclass(frozen=True)
 class Alternative:
     """Another pose (x, y, heading) that a robot may have."""
@@ -65,6 +72,8 @@ class Initialization:
     """What the start takes for granted, and what would decide it."""
     given: frozenset[str] = frozenset()
     """Robots whose poses come from elsewhere than the ranges: `start` does not widen them."""
+    contradiction: str = ""
+    """How ranges and odometry contradict each other, so that all poses are but guesses."""
 
     @property
     def start(self) -> Start:

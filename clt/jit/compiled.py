@@ -1,32 +1,90 @@
-"""Compiled kernels: numba's njit with an on-disk cache, typed."""
+"""Compiled kernels: the decorators, and what stands for a kernel until it runs.
+
+Importing numba takes 0.4 s and loading its first kernel 0.3 s, so neither happens before it must.
+A kernel that makes no arrays runs from kept machine code (`kept`) where that can be; numba itself
+takes over for all others, and for all where the installed numba differs from what is expected.
+"""
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from functools import cache
+import functools
+import os
+from collections.abc import Callable
+from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-import numba
-from numba.core import event
+from clt.jit import kept
+from clt.jit.sources import digest_of
+from clt.jit.watching import listen
 
 F = TypeVar("F", bound=Callable[..., object])
 NO_ARRAYS = {"_nrt": False}
 """No reference counts, in code that makes no arrays: they would cost two thirds on top."""
-ROOMS = ("jit", "model", "filters", "initialization")
-"""Whose kernels call those of other folders."""
 
 
-@cache
-def fingerprint(*folders: Path) -> str:
-    """Of all sources in some folders. Numba looks only at the file that a kernel itself is in."""
-    digest = hashlib.sha256()
-    for folder in folders:
-        for source in sorted(folder.rglob("*.py")):
-            digest.update(source.read_bytes())
-    return digest.hexdigest()[:12]
+class Kernel:
+    """A function that is compiled when it is called first. Other kernels may call it, too."""
+
+    def __init__(self, function: Callable[..., object], options: dict[str, Any]) -> None:
+        self.options = options
+        self.code: dict[str, kept.Linked | None] = {}
+        """Machine code by kinds of arguments; None where numba has to run it."""
+        functools.update_wrapper(self, function)
+        self.function = function
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Run it, compiled."""
+        if os.environ.get("NUMBA_DISABLE_JIT", "0") not in {"", "0"}:
+            return self.function(*arguments)
+        if self.options["_nrt"] or (flat := kept.flat(arguments)) is None:
+            return self.dispatcher(*arguments)
+        kinds, words = flat
+        if kinds not in self.code:
+            self.code[kinds] = kept.linked(self, kinds, arguments)
+        linked = self.code[kinds]
+        return self.dispatcher(*arguments) if linked is None else linked(words)
+
+    @cached_property
+    def sources(self) -> str:
+        """Digest of all that its machine code depends on, other than the types of arguments.
+
+        Taken when it runs first: what it calls may not be defined when it is decorated.
+        """
+        return digest_of(self)
+
+    @cached_property
+    def dispatcher(self) -> Any:
+        """It as numba knows it. Keeps the machine code for later processes, where that can be."""
+        numba: Any = import_module("numba")
+        listen()
+        # The name goes into that of the cache file: machine code of other sources is never found.
+        self.function.__qualname__ = f"{self.function.__name__}_{self.sources}"
+        options = self.options | {"no_cfunc_wrapper": True}
+        try:
+            dispatcher = numba.njit(cache=True, **options)(self.function)
+        except RuntimeError:  # There is no directory that numba may write to.
+            dispatcher = numba.njit(**options)(self.function)
+        parts: Any = import_module("clt.jit.parts")  # imports numba
+        if parts.parts_fit():
+            parts.called_as_part(dispatcher, self.function, options)
+        return dispatcher
+
+    @property
+    def _numba_type_(self) -> Any:
+        """For numba, where another kernel calls this one."""
+        return self.dispatcher._numba_type_
+
+    @property
+    def targetoptions(self) -> Any:
+        """The same: whether to inline it."""
+        return self.options
+
+    @property
+    def py_func(self) -> Callable[..., object]:
+        """The same: what to inline."""
+        return self.function
 
 
 def compile_kernel(function: F, **options: Any) -> F:
@@ -34,16 +92,8 @@ def compile_kernel(function: F, **options: Any) -> F:
 
     No fast-math: the same numbers on every run. Other threads run meanwhile: see `clt.cli.entry`.
     """
-    # The name goes into that of the cache file: machine code of other sources is never found.
-    package = Path(__file__).parents[1]
-    rooms = [package / room for room in ROOMS]
-    sources = fingerprint(*rooms, Path(function.__code__.co_filename).parent)
-    function.__qualname__ = f"{function.__name__}_{sources}"
     options |= {"error_model": "numpy", "nogil": True}
-    try:
-        return cast("F", numba.njit(cache=True, **options)(function))
-    except RuntimeError:  # There is no directory that numba may write to.
-        return cast("F", numba.njit(**options)(function))
+    return cast("F", Kernel(function, options))
 
 
 def kernel(function: F) -> F:
@@ -61,32 +111,13 @@ def inlined(function: F) -> F:
     return compile_kernel(function, inline="always", **NO_ARRAYS)
 
 
+def folder_of(function: Callable[..., object]) -> str | None:
+    """Where the machine code of a kernel is kept; None where nothing can be written."""
+    folder: str | None = cast("Kernel", function).dispatcher.stats.cache_path
+    return folder
+
+
 def is_cached(function: Callable[..., object]) -> bool:
     """Whether an earlier process left machine code for this kernel."""
-    dispatcher = cast("Any", function)
-    folder, name = dispatcher.stats.cache_path, dispatcher.py_func.__qualname__
+    folder, name = folder_of(function), cast("Kernel", function).py_func.__qualname__
     return folder is not None and any(Path(folder).glob(f"*.{name}-*.nbi"))
-
-
-class CompileListener(event.Listener):
-    """Calls back before the first kernel is compiled."""
-
-    def __init__(self, say: Callable[[bool], None]) -> None:
-        self.say = say
-        self.said = False
-
-    def on_start(self, event: Any) -> None:
-        """Tell whether the machine code will be kept."""
-        if not self.said:
-            self.said = True
-            self.say(event.data["dispatcher"].stats.cache_path is not None)
-
-    def on_end(self, event: Any) -> None:
-        """Nothing to do."""
-
-
-@contextmanager
-def watch_numba_compilation(say: Callable[[bool], None]) -> Iterator[None]:
-    """Call `say` once if anything is compiled meanwhile, with whether that is kept for later."""
-    with event.install_listener("numba:compile", CompileListener(say)):
-        yield

@@ -1,11 +1,13 @@
-"""Kernels whose machine code a later process runs without importing numba, which takes 0.7 s.
+"""Machine code of kernels that later processes run without importing numba.
 
 Numba compiles such a kernel once; its object code is kept in a file and linked by llvmlite alone.
-Arguments are arrays and named tuples of them, handed over as numba's calling convention has it:
+It is called as numba's calling convention has it:
 
     status = kernel(&result, &exception, arguments...)
 
-where an array is (owner, parent, items, bytes of an item, data, shape..., strides...).
+where an array is (owner, parent, items, bytes of an item, data, shape..., strides...) and a tuple
+is what is in it. That convention is numba's own matter: what a kernel was compiled to is compared
+with it, and where they differ, or the kernel needs more than every process has, numba runs it.
 """
 
 from __future__ import annotations
@@ -14,122 +16,163 @@ import ctypes
 import hashlib
 import os
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cache
 from importlib import import_module, metadata
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from clt.jit.watching import compiling
+
 SUCCESS_STATUSES = {0, -2}
-"""Statuses of a kernel that returned a number or nothing."""
-EXTERNAL_SYMBOLS = {"sqrt", "memset", "memcpy", "memmove"}
-"""What a kernel may call that is not its own: it is in every process."""
+"""Statuses of a kernel that returned a value or nothing."""
+EXTERNAL_SYMBOLS = {
+    *("memset", "memcpy", "memmove", "sqrt", "exp", "expm1", "log", "log1p", "pow", "fmod"),
+    *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "hypot", "floor", "ceil"),
+}
+"""What a kernel may call that is not its own: C's, and with numpy in every process."""
+WORDS: dict[str, tuple[Any, str]] = {
+    "p": (ctypes.c_void_p, "ptr"),
+    "i": (ctypes.c_int64, "i64"),
+    "d": (ctypes.c_double, "double"),
+    "b": (ctypes.c_uint8, "i8"),
+}
+"""Machine words by letter: what ctypes and LLVM call them."""
+RETURNED = {"none": "p", "int64": "i", "float64": "d", "bool": "b"}
+"""Letters of what a kernel may return, by numba's names."""
 DIGEST_BYTES = hashlib.sha256().digest_size
-_watchers: list[Callable[[bool], None]] = []
 
 
-class CachedKernel:
-    """A function of a module that makes no arrays, compiled, and kept for later processes.
+class Code(NamedTuple):
+    """Object code as it is kept."""
 
-    It returns an integer, or 0 for nothing. No fast-math: the same numbers on every run.
-    """
+    symbol: str
+    """Empty where numba has to run the kernel."""
+    returned: str
+    """Letter."""
+    letters: str
+    """Of the words of all arguments."""
+    code: bytes
 
-    def __init__(self, module: str, name: str) -> None:
-        self.module, self.name = module, name
-        self._linked: dict[str, Callable[..., int]] = {}
 
-    def __call__(self, *arguments: Any) -> int:
-        """Run the kernel, which is compiled first where no process did so before."""
-        if os.environ.get("NUMBA_DISABLE_JIT", "0") not in {"", "0"}:
-            return int(getattr(import_module(self.module), self.name)(*arguments) or 0)
-        arrays = list(_arrays(arguments))
-        kinds = "".join(_array_type(array) for array in arrays)
-        if kinds not in self._linked:
-            self._linked[kinds] = _link(*self._code(kinds, arguments))
-        words = [word for array in arrays for word in _argument_words(array)]
-        result, trouble = ctypes.c_int64(0), ctypes.c_void_p()
-        status = self._linked[kinds](ctypes.addressof(result), ctypes.addressof(trouble), *words)
+class Linked(NamedTuple):
+    """Machine code in this process."""
+
+    function: Callable[..., int]
+    returned: str
+    engine: object
+    """Owns the code."""
+
+    def __call__(self, words: list[Any]) -> Any:
+        """Run it. Raises RuntimeError where it ends with an exception."""
+        result, trouble = WORDS[self.returned][0](0), ctypes.c_void_p()
+        status = self.function(ctypes.addressof(result), ctypes.addressof(trouble), *words)
         if status not in SUCCESS_STATUSES:
-            raise RuntimeError(f"{self.module}.{self.name} ended with status {status}")
-        return result.value
-
-    def _code(self, kinds: str, arguments: tuple[Any, ...]) -> tuple[str, bytes]:
-        """Symbol and object code, from a file or from numba."""
-        spec = find_spec(self.module)
-        if spec is None or spec.origin is None:
-            raise ImportError(self.module)
-        source = Path(spec.origin)
-        folders, file = _folders(source), f"{self.name}-{_cache_key(source, kinds)}.o"
-        for folder in folders:
-            found = _read(folder / file)
-            if found is not None:
-                return found
-        room = next(filter(_writable, folders), None)
-        while len(_watchers) > 0:
-            _watchers.pop()(room is not None)
-        symbol, code = _compile(getattr(import_module(self.module), self.name), arguments)
-        if room is not None:
-            _write(room / file, symbol, code)
-        return symbol, code
+            raise RuntimeError(f"a kernel ended with status {status}")
+        value = result.value
+        if self.returned == "p":
+            return None
+        return bool(value) if self.returned == "b" else value
 
 
-@contextmanager
-def watch_kernel_compilation(say: Callable[[bool], None]) -> Iterator[None]:
-    """Call `say` once if a kernel is compiled meanwhile, with whether that is kept for later."""
-    _watchers.append(say)
-    try:
-        yield
-    finally:
-        if say in _watchers:
-            _watchers.remove(say)
+def flat(arguments: tuple[Any, ...]) -> tuple[str, list[Any]] | None:
+    """All of the arguments that machine code depends on, and the words it gets them as.
+
+    None where a kernel cannot get them that way.
+    """
+    kinds: list[str] = []
+    words: list[Any] = []
+    return ("".join(kinds), words) if _flatten(arguments, kinds, words) else None
 
 
-def _arrays(arguments: tuple[Any, ...]) -> Iterator[np.ndarray]:
-    """All arrays of nested tuples."""
+def _flatten(arguments: tuple[Any, ...], kinds: list[str], words: list[Any]) -> bool:
     for argument in arguments:
-        if isinstance(argument, tuple):
-            yield from _arrays(argument)
+        if isinstance(argument, np.ndarray):
+            flags, shape = argument.flags, argument.shape
+            order = "C" if flags.c_contiguous else "F" if flags.f_contiguous else "A"
+            bare = "" if flags.writeable and flags.aligned else f"{flags.writeable}{flags.aligned}"
+            kinds.append(f"{argument.dtype.str}{len(shape)}{order}{bare};")
+            data = argument.ctypes.data
+            words += 0, 0, argument.size, argument.itemsize, data, *shape, *argument.strides
+        elif isinstance(argument, tuple):
+            kinds.append(f"{type(argument).__name__}(")
+            if not _flatten(argument, kinds, words):
+                return False
+            kinds.append(")")
+        elif isinstance(argument, bool | np.bool_):
+            kinds.append("b")
+            words.append(argument)
+        elif argument is None:
+            kinds.append("n")
+            words.append(0)
+        elif isinstance(argument, int | np.int64) and -(1 << 63) <= argument < 1 << 63:
+            kinds.append("i")
+            words.append(argument)
+        elif isinstance(argument, float):
+            kinds.append("d")
+            words.append(argument)
         else:
-            yield argument
+            return False
+    return True
 
 
-def _array_type(array: np.ndarray) -> str:
-    """All of an array that machine code depends on."""
-    flags = array.flags
-    told = "".join("01"[flag] for flag in (flags.c_contiguous, flags.writeable, flags.aligned))
-    return f"{array.dtype.str}{array.ndim}{told};"
+def _letters(arguments: tuple[Any, ...]) -> str:
+    """The letters of the words of arguments that `flat` takes."""
+    letters = ""
+    for argument in arguments:
+        if isinstance(argument, np.ndarray):
+            letters += "ppiip" + "ii" * argument.ndim
+        elif isinstance(argument, tuple):
+            letters += _letters(argument)
+        elif isinstance(argument, bool | np.bool_):
+            letters += "b"
+        elif argument is None:
+            letters += "p"
+        else:
+            letters += "d" if isinstance(argument, float) else "i"
+    return letters
 
 
-def _argument_words(array: np.ndarray) -> tuple[int, ...]:
-    """An array as the machine words of one argument."""
-    return (0, 0, array.size, array.itemsize, array.ctypes.data, *array.shape, *array.strides)
+def linked(kernel: Any, kinds: str, arguments: tuple[Any, ...]) -> Linked | None:
+    """A kernel for such arguments, compiled now if no process did so before; None for numba."""
+    function = kernel.function
+    name = f"{function.__name__}-{_cache_key(kernel.sources, kinds)}.o"
+    folders = _folders(Path(function.__code__.co_filename))
+    for folder in folders:
+        found = _read(folder / name)
+        if found is not None:
+            return _link(found)
+    room = next(filter(_writable, folders), None)
+    with compiling(kernel, room is not None):
+        code = _compile(function, arguments)
+    if room is not None:
+        _write(room / name, code)
+    return _link(code)
 
 
 @cache
-def _cache_key(source: Path, kinds: str) -> str:
-    """Of sources, versions, processor and arguments: machine code of others is never found."""
-    from llvmlite import binding  # noqa: PLC0415 - only those who run kernels need it
+def _machine() -> str:
+    """Versions and processor: machine code of others is never found."""
+    import llvmlite  # noqa: PLC0415 - only those who run kernels need it
+    from llvmlite import binding  # noqa: PLC0415 - the same
 
-    digest = hashlib.sha256(kinds.encode())
-    for path in (Path(__file__), *sorted(source.parent.glob("*.py"))):
-        digest.update(path.read_bytes())
     options = sorted(item for item in os.environ.items() if item[0].startswith("NUMBA_"))
-    versions = [metadata.version(name) for name in ("numba", "llvmlite", "numpy")]
+    versions = metadata.version("numba"), llvmlite.__version__, np.__version__
     cpu = binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
-    told = (options, versions, binding.get_default_triple(), cpu)
-    digest.update(repr(told).encode())
-    return digest.hexdigest()[:24]
+    return repr((options, versions, binding.get_default_triple(), cpu))
+
+
+def _cache_key(sources: str, kinds: str) -> str:
+    return hashlib.sha256(f"{sources}{kinds}{_machine()}".encode()).hexdigest()[:24]
 
 
 def _folders(source: Path) -> list[Path]:
-    """Where machine code may lie: where numba is told to, else beside the source or at home."""
-    told = os.environ.get("NUMBA_CACHE_DIR", "")
-    if told != "":
-        return [Path(told)]
+    """Where machine code may lie: where numba's setting says, else beside the source or at home."""
+    chosen = os.environ.get("NUMBA_CACHE_DIR", "")
+    if chosen != "":
+        return [Path(chosen)]
     home = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or "~/.cache"
     return [source.parent / "__pycache__", Path(home).expanduser() / "clt"]
 
@@ -143,21 +186,27 @@ def _writable(folder: Path) -> bool:
         return False
 
 
-def _read(path: Path) -> tuple[str, bytes] | None:
+def _read(path: Path) -> Code | None:
     """A file of machine code; None where there is none, or none that is whole."""
     try:
         data = path.read_bytes()
     except OSError:
         return None
-    symbol, mark, code = data[DIGEST_BYTES:].partition(b"\0")
-    if mark == b"" or hashlib.sha256(data[DIGEST_BYTES:]).digest() != data[:DIGEST_BYTES]:
+    parts = data[DIGEST_BYTES:].split(b"\0", 3)
+    if (
+        len(parts) != len(Code._fields)
+        or hashlib.sha256(data[DIGEST_BYTES:]).digest() != data[:DIGEST_BYTES]
+    ):
         return None
-    return symbol.decode(), code
+    symbol, returned, letters, code = parts
+    return Code(symbol.decode(), returned.decode(), letters.decode(), code)
 
 
-def _write(path: Path, symbol: str, code: bytes) -> None:
+def _write(path: Path, code: Code) -> None:
     """Keep machine code; a process that reads meanwhile finds all of it or nothing."""
-    data = symbol.encode() + b"\0" + code
+    data = b"\0".join(
+        [code.symbol.encode(), code.returned.encode(), code.letters.encode(), code[3]]
+    )
     part = path.with_suffix(f".{os.getpid()}.part")
     try:
         part.write_bytes(hashlib.sha256(data).digest() + data)
@@ -166,9 +215,19 @@ def _write(path: Path, symbol: str, code: bytes) -> None:
         part.unlink(missing_ok=True)
 
 
-def _compile(function: Callable[..., object], arguments: tuple[Any, ...]) -> tuple[str, bytes]:
-    """Symbol and object code of a function for such arguments."""
+def _compile(function: Callable[..., object], arguments: tuple[Any, ...]) -> Code:
+    """Object code of a function for such arguments; empty where numba has to run it."""
     numba: Any = import_module("numba")  # slow
+    try:
+        return _compiled(numba, function, arguments)
+    except MemoryError:
+        raise
+    except Exception:  # noqa: BLE001 - another numba, or one who says what is wrong with a kernel
+        return Code("", "", "", b"")
+
+
+def _compiled(numba: Any, function: Callable[..., object], arguments: tuple[Any, ...]) -> Code:
+    """Object code of a function. Raises whatever numba does, ValueError where it cannot be used."""
     from llvmlite import binding  # noqa: PLC0415 - only those who run kernels need it
 
     bare = {"_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
@@ -176,30 +235,32 @@ def _compile(function: Callable[..., object], arguments: tuple[Any, ...]) -> tup
     signature = tuple(numba.typeof(argument) for argument in arguments)
     dispatcher.compile(signature)
     made = dispatcher.overloads[signature]
-    functions = binding.parse_assembly(made.library.get_llvm_str()).functions
-    called = {each.name for each in functions if each.is_declaration}
-    names = {name for name in called if not name.startswith("llvm.")}
-    if not names <= EXTERNAL_SYMBOLS:
-        raise RuntimeError(
-            f"{function.__name__} calls {', '.join(sorted(names - EXTERNAL_SYMBOLS))}"
-        )
-    return made.fndesc.llvm_func_name, made.library.serialize_using_object_code()[2][0]
+    symbol, returned = made.fndesc.llvm_func_name, RETURNED[str(made.signature.return_type)]
+    functions = {
+        each.name: each for each in binding.parse_assembly(made.library.get_llvm_str()).functions
+    }
+    foreign = {name for name, each in functions.items() if each.is_declaration} - EXTERNAL_SYMBOLS
+    if any(not name.startswith("llvm.") for name in foreign):
+        raise ValueError(f"{function.__name__} calls {foreign}")
+    letters = _letters(arguments)
+    wanted = ["ptr", "ptr", *(WORDS[letter][1] for letter in letters)]
+    if str(functions[symbol].global_value_type) != f"i32 ({', '.join(wanted)})":
+        raise ValueError(f"{function.__name__} is called differently")
+    return Code(symbol, returned, letters, made.library.serialize_using_object_code()[2][0])
 
 
-def _link(symbol: str, code: bytes) -> Callable[..., int]:
+def _link(code: Code) -> Linked | None:
     """Machine code as a function of two addresses and the words of all arguments."""
+    if code.symbol == "":
+        return None
     from llvmlite import binding  # noqa: PLC0415 - only those who run kernels need it
 
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
     target = binding.Target.from_default_triple().create_target_machine(jit=True)
     engine = binding.create_mcjit_compiler(binding.parse_assembly(""), target)
-    engine.add_object_file(binding.ObjectFileRef.from_data(code))
+    engine.add_object_file(binding.ObjectFileRef.from_data(code.code))
     engine.finalize_object()
-    function = ctypes.CFUNCTYPE(ctypes.c_int32)(engine.get_function_address(symbol))
-
-    def call(*words: int) -> int:
-        _ = engine  # It owns the code.
-        return int(function(*map(ctypes.c_ssize_t, words)))
-
-    return call
+    words = [WORDS[letter][0] for letter in f"pp{code.letters}"]
+    function = ctypes.CFUNCTYPE(ctypes.c_int32, *words)(engine.get_function_address(code.symbol))
+    return Linked(function, code.returned, engine)

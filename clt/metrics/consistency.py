@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincinv
 
 from clt.core.recording import Floats
 from clt.metrics.associate import MatchedPoses
+from clt.metrics.quantiles import chi_square_quantile
 
 POSE_DIMENSION = 3
 MIN_CORRELATION_EIGENVALUE = 1e-10
@@ -78,8 +78,7 @@ def independent_samples(values: Floats) -> float:
 def nees_interval(samples: float, dimension: int = POSE_DIMENSION) -> tuple[float, float]:
     """Where the mean of `samples` independent chi-square values lies with probability 0.95."""
     k = dimension * samples
-    low, high = 2.0 * gammaincinv(0.5 * k, np.array([0.025, 0.975])) / samples
-    return float(low), float(high)
+    return chi_square_quantile(0.025, k) / samples, chi_square_quantile(0.975, k) / samples
 
 
 def inside_three_sigma(matched: MatchedPoses) -> Floats | None:

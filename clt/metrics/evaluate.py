@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError
 from clt.core.recording import Poses, Recording, Team
 from clt.metrics.align import AlignMethod, Transform
@@ -16,7 +17,6 @@ from clt.metrics.pairs import all_nis, pair_nis
 from clt.metrics.register import AlignmentInput, choose_alignment, find_mirrored, register
 from clt.metrics.scores import score_tracks
 from clt.metrics.tracks import check_frames, clean_tracks, frames_text, tracks_in_frames
-from clt.metrics.warned import EvaluationWarning
 
 
 def evaluate(recording: Recording, options: EvaluateOptions | None = None) -> Evaluation:
@@ -26,7 +26,7 @@ def evaluate(recording: Recording, options: EvaluateOptions | None = None) -> Ev
     """
     options = EvaluateOptions() if options is None else options
     names = recording.team.names
-    truth, warnings = clean_tracks(recording.truth, "truth", headless=True)
+    truth, unusable_truth = clean_tracks(recording.truth, "truth", headless=True)
     estimates, unusable = clean_tracks(recording.estimate, "estimate")
     reckoned, lost = clean_tracks(recording.dead_reckoning, "dead reckoning")
     _require(recording, truth, estimates)
@@ -34,7 +34,7 @@ def evaluate(recording: Recording, options: EvaluateOptions | None = None) -> Ev
     targets = tracks_in_frames(truth, estimates, names, options.max_gap)
     matched = _matched(targets, estimates, options)
     if len(matched) == 0:
-        raise CltError(_no_match(targets, options))
+        raise _no_match(targets, options)
 
     frame, truth_frame = frames_text(estimates), frames_text(truth)
     scene = AlignmentInput(recording.team, frame, relative, truth, matched)
@@ -61,8 +61,8 @@ def evaluate(recording: Recording, options: EvaluateOptions | None = None) -> Ev
         pairs={} if innovations is None else pair_nis(innovations, recording.team),
         all_pairs=None if innovations is None else all_nis(innovations),
         mirror=mirror is not None,
-        warnings=(
-            *warnings,
+        diagnostics=(
+            *unusable_truth,
             *unusable,
             *lost,
             *unaligned,
@@ -104,15 +104,23 @@ def _matched(
     return {name: matched for name, matched in pairs.items() if len(matched.stamp) > 0}
 
 
-def _no_match(truth: Mapping[str, Poses], options: EvaluateOptions) -> str:
+def _no_match(truth: Mapping[str, Poses], options: EvaluateOptions) -> CltError:
+    """The error where no truth pose has an estimate."""
     count = sum(len(track.stamp) for track in truth.values())
     if count == 0:
-        return f"no truth pose has one of the ego in reach (--max-gap {options.max_gap:g} s)"
-    if options.associate == "nearest":
-        limit = f"within --max-diff {options.max_diff:g} s"
-    else:
-        limit = f"in reach (--max-gap {options.max_gap:g} s)"
-    return f"none of {count} truth poses has an estimate {limit}; do both use one clock?"
+        return CltError(
+            f"no truth pose has one of the ego in reach (--max-gap {options.max_gap:g} s)"
+        )
+    nearest = options.associate == "nearest"
+    return CltError(
+        f"none of {count} truth poses has an estimate "
+        + (
+            f"within --max-diff {options.max_diff:g} s"
+            if nearest
+            else f"in reach (--max-gap {options.max_gap:g} s)"
+        )
+        + "; do both use one clock?"
+    )
 
 
 def _side(
@@ -150,11 +158,11 @@ def _baseline(
     tracks: Mapping[str, MatchedPoses],
     align: AlignMethod,
     transforms: Mapping[str, Transform],
-) -> tuple[Mapping[str, Transform], list[EvaluationWarning]]:
+) -> tuple[Mapping[str, Transform], list[Diagnostic]]:
     """Transforms of dead reckoning: by the same rule, else the estimate's (they share a frame)."""
     try:
         return register(scene, tracks, align), []
     except CltError as error:
-        text = f"dead reckoning cannot be aligned by itself ({error}); aligned as the estimate is"
+        reason = Diagnostic("baseline_not_aligned", values={"error": str(error)})
         shared = next(iter(transforms.values()))
-        return {name: transforms.get(name, shared) for name in tracks}, [EvaluationWarning(text)]
+        return {name: transforms.get(name, shared) for name in tracks}, [reason]

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from clt.core.diagnostics import Diagnostic
 from clt.metrics.align import AlignMethod, Transform
 from clt.metrics.associate import Association, MatchedPoses
 from clt.metrics.errors import Delta
 from clt.metrics.pairs import PairNis
 from clt.metrics.scores import Score
-from clt.metrics.warned import EvaluationWarning
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Evaluation:
     pairs: Mapping[str, PairNis]
     all_pairs: PairNis | None
     mirror: bool
-    warnings: tuple[EvaluationWarning, ...]
+    diagnostics: tuple[Diagnostic, ...]
 
     def label(self, name: str) -> str:
         """A robot for people: its name, with the body it is seen from where these differ."""
@@ -70,7 +70,7 @@ class Evaluation:
         return f"{name} in {self.frames[name].partition('/')[0]}"
 
     def as_dict(self, log: str) -> dict[str, Any]:
-        """The object that `clt evaluate --json` prints."""
+        """The figures of the object that `clt evaluate --json` prints."""
         pairs = {name: _pair(pair) for name, pair in self.pairs.items()}
         robots = dict.fromkeys([*self.estimate.scores, *self.dead_reckoning.scores])
         return {
@@ -101,7 +101,6 @@ class Evaluation:
             "ranges": None if self.all_pairs is None else _pair(self.all_pairs) | pairs,
             "pairs": pairs,
             "mirror": self.mirror,
-            "warnings": [warned.text for warned in self.warnings],
         }
 
 

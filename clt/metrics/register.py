@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError, UsageError
 from clt.core.recording import Floats, Poses, Team
 from clt.metrics.align import (
@@ -24,7 +25,6 @@ from clt.metrics.align import (
     transform_of_pose,
 )
 from clt.metrics.associate import MatchedPoses
-from clt.metrics.warned import EvaluationWarning
 
 MIN_MIRROR_POSES = 10
 """With fewer matched poses, chance alone may favour the mirror image."""
@@ -145,7 +145,7 @@ def _positions(tracks: Mapping[str, MatchedPoses]) -> tuple[Floats, Floats]:
     return source, target
 
 
-def find_mirrored(scene: AlignmentInput) -> EvaluationWarning | None:
+def find_mirrored(scene: AlignmentInput) -> Diagnostic | None:
     """Name what fits clearly better mirrored: the whole team, else single robots.
 
     Static robots of known position take part with the weight of a whole track: they unmask a
@@ -156,15 +156,12 @@ def find_mirrored(scene: AlignmentInput) -> EvaluationWarning | None:
     if len(moving) == 0:
         return None
     if _is_mirrored(scene, moving):
-        subject, verb = "the estimate", "it is"
+        names = []
     else:
         names = [name for name, m in moving.items() if _is_mirrored(scene, {name: m})]
         if len(names) == 0:
             return None
-        subject = ", ".join(names)
-        verb = "it is" if len(names) == 1 else "they are"
-    text = f"the mirror image of {subject} fits the truth clearly better: {verb} mirrored"
-    return EvaluationWarning(text, partial=True)
+    return Diagnostic("mirrored", ", ".join(names), "partial", {"robots": len(names)})
 
 
 def _is_mirrored(scene: AlignmentInput, tracks: Mapping[str, MatchedPoses]) -> bool:

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError
 from clt.core.geometry import is_heading_unknown, relative_pose
 from clt.core.recording import Poses, Team
 from clt.metrics.associate import as_array, interpolate
-from clt.metrics.warned import EvaluationWarning
 
 BODY_SUFFIX = "/base_link"
 
@@ -43,31 +43,29 @@ def select_poses(poses: Poses, keep: NDArray[np.bool_]) -> Poses:
 
 def clean_tracks(
     tracks: Mapping[str, Poses], what: str, headless: bool = False
-) -> tuple[dict[str, Poses], list[EvaluationWarning]]:
-    """Leave out poses with a NaN or infinite number, counted in warnings.
+) -> tuple[dict[str, Poses], list[Diagnostic]]:
+    """Leave out poses with a NaN or infinite number, counted.
 
     A track without any heading keeps its positions; so does, with `headless`, every pose whose
     heading alone is missing. A covariance that is not finite throughout is dropped.
     """
     kept: dict[str, Poses] = {}
-    warnings: list[EvaluationWarning] = []
+    found: list[Diagnostic] = []
     for name, poses in tracks.items():
         good = np.isfinite(poses.x) & np.isfinite(poses.y)
         if not headless and not np.all(np.isnan(poses.heading)):
             good &= np.isfinite(poses.heading)
         bad = int(np.sum(~good))
         if bad > 0:
-            text = f"{name}: {bad} of {len(good)} poses of the {what} are not finite, left out"
-            warnings.append(EvaluationWarning(text, partial=True))
+            counts = {"stream": what, "count": bad, "total": len(good)}
+            found.append(Diagnostic("poses_not_finite", name, "partial", counts))
         track = drop_unknown_heading(select_poses(poses, good))
         if track.covariance is not None and not np.all(np.isfinite(track.covariance)):
-            warnings.append(
-                EvaluationWarning(f"{name}: the covariance of the {what} is not finite, not used")
-            )
+            found.append(Diagnostic("covariance_not_finite", name, values={"stream": what}))
             track = replace(track, covariance=None)
         if len(track.stamp) > 0:
             kept[name] = track
-    return kept, warnings
+    return kept, found
 
 
 def drop_unknown_heading(track: Poses) -> Poses:

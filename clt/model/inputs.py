@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from clt.core.diagnostics import Diagnostic
 from clt.core.recording import Floats, Indices, Odometry, Ranges, Robot, Stamps, Team
 from clt.model.settings import MAX_SETTING, NoiseSettings
 
@@ -108,7 +109,7 @@ def gap_limit(step: Stamps) -> float:
 
 def odometry_variances(
     odometry: Odometry, robot: Robot, noise: NoiseSettings
-) -> tuple[Floats, Floats, tuple[str, ...]]:
+) -> tuple[Floats, Floats, tuple[Diagnostic, ...]]:
     """Variances of v and of omega of each sample (n,), and what had to be assumed."""
     sigma_v, sigma_w, notes = odometry_sigmas(odometry, robot, noise)
     v, omega = interval_twist(odometry, robot)
@@ -117,19 +118,15 @@ def odometry_variances(
 
 def odometry_sigmas(
     odometry: Odometry, robot: Robot, noise: NoiseSettings
-) -> tuple[Floats, Floats, tuple[str, ...]]:
+) -> tuple[Floats, Floats, tuple[Diagnostic, ...]]:
     """Standard deviations of v and of omega of each sample (n,), and what had to be assumed."""
     size = odometry.stamp.size
     sigma_v = first_known(noise.sigma_v, odometry.sigma_v, robot.sigma_v, size=size)
     sigma_w = first_known(noise.sigma_omega, odometry.sigma_omega, robot.sigma_omega, size=size)
-    notes: tuple[str, ...] = ()
+    notes: tuple[Diagnostic, ...] = ()
     if np.isnan(sigma_v).any() or np.isnan(sigma_w).any():
-        assumed = (
-            f"the log does not tell the odometry noise of {robot.name}: assumed "
-            f"{DEFAULT_SIGMA_V} m/s and {DEFAULT_SIGMA_OMEGA} rad/s; set noise.sigma_v and "
-            "noise.sigma_omega"
-        )
-        notes = (assumed,)
+        assumed = {"sigma_v": DEFAULT_SIGMA_V, "sigma_omega": DEFAULT_SIGMA_OMEGA}
+        notes = (Diagnostic("odometry_noise_assumed", robot.name, values=assumed),)
         sigma_v = np.where(np.isnan(sigma_v), DEFAULT_SIGMA_V, sigma_v)
         sigma_w = np.where(np.isnan(sigma_w), DEFAULT_SIGMA_OMEGA, sigma_w)
     return np.maximum(sigma_v, MIN_SIGMA_V), np.maximum(sigma_w, MIN_SIGMA_OMEGA), notes
@@ -169,7 +166,7 @@ def structure_function(values: Floats, noise: float, lags: Indices) -> Floats:
 
 def robot_segments(
     odometry: Odometry, robot: Robot, noise: NoiseSettings, start: int, end: int
-) -> tuple[TwistSegments, tuple[str, ...]]:
+) -> tuple[TwistSegments, tuple[Diagnostic, ...]]:
     """Segments of one robot from `start` to `end` (ns), and what had to be assumed.
 
     A gap is bridged with the mean of the samples around it and an error as large as the twist
@@ -205,11 +202,8 @@ def robot_segments(
     inside = holes[stamp[holes] > start]
     if inside.size > 0:
         longest = float(np.max(stamp[inside] - stamp[inside - 1])) * 1e-9
-        gaps = (
-            f"gaps in the odometry of {robot.name}: {inside.size}, the longest {longest:.2f} s; "
-            "bridged with widened noise"
-        )
-        return segments, (*said, gaps)
+        gaps = {"count": int(inside.size), "longest_s": longest}
+        return segments, (*said, Diagnostic("odometry_gaps", robot.name, values=gaps))
     return segments, said
 
 
@@ -267,7 +261,7 @@ def range_table(
     noise: NoiseSettings,
     start: int,
     end: int,
-) -> tuple[RangeTable, tuple[str, ...]]:
+) -> tuple[RangeTable, tuple[Diagnostic, ...]]:
     """The ranges between start and end (ns) that touch the state and have both ends placed.
 
     `state` maps team indices to state indices, `anchors` to fixed positions.
@@ -285,13 +279,10 @@ def range_table(
     use = placed[ranges.source] & placed[ranges.target] & (np.maximum(source, target) >= 0)
     use &= (ranges.stamp > start) & (ranges.stamp <= end)
     row = np.flatnonzero(use)
-    notes: list[str] = []
+    notes: list[Diagnostic] = []
     sigma = first_known(noise.sigma_range, ranges.sigma[row], team.range_sigma, size=row.size)
     if np.isnan(sigma).any():
-        notes.append(
-            f"the log does not tell the noise of its ranges: assumed {DEFAULT_SIGMA_RANGE} m; "
-            "set noise.sigma_range"
-        )
+        notes.append(Diagnostic("range_noise_assumed", values={"sigma_m": DEFAULT_SIGMA_RANGE}))
         sigma = np.where(np.isnan(sigma), DEFAULT_SIGMA_RANGE, sigma)
     variance = np.maximum(sigma, MIN_SIGMA_RANGE) ** 2
     low = np.minimum(ranges.source[row], ranges.target[row])

@@ -21,8 +21,12 @@ MAX_MODE_PROBES = 64
 """Particles tried as the middle of a mode."""
 INITIAL_MODE_SHARE = 1.0 / 14.0
 """Of the whole covariance, with which a mode is sought."""
-MODE_FIT_ITERATIONS = 6
-"""How often a mode is fitted anew."""
+MODE_FIT_ITERATIONS = 20
+"""How often a mode is fitted again, at most: as long as it grows."""
+ALL = 1.0 - 1e-6
+"""Weight of a mode that has nothing beside it."""
+ROWS = 11
+"""Of scratch."""
 
 
 @compiled_noalloc
@@ -121,18 +125,17 @@ def mixture_block_moments(
 def leading_mode_probability(
     log_weight: Floats, x: Floats, P: Floats, count: int, i: int, lead: int, scratch: Floats
 ) -> float:
-    """Weight of the Gaussians whose block i cannot be told from that of `lead`."""
-    o, total = 3 * i, 0.0
-    for k in range(count):
-        for r in range(3):
-            for c in range(3):
-                scratch[r, c] = P[k, o + r, o + c] + P[lead, o + r, o + c]
-        if (
-            squared_mahalanobis(block_offset(x, k, o, x[lead, o : o + 3]), scratch, 1.0)
-            <= SAME_MODE_MAHALANOBIS_SQ
-        ):
-            total += math.exp(log_weight[k])
-    return min(total, 1.0)
+    """Weight of the Gaussians in the leading mode of block i.
+
+    From the Gaussian `lead`, one is fitted again and again to those SAME_MODE_MAHALANOBIS_SQ it: a
+    bent mode of many narrow parts is one. scratch (ROWS, 3).
+    """
+    C, centre, o = scratch[:3], scratch[3], 3 * i
+    for r in range(3):
+        centre[r] = x[lead, o + r]
+        for c in range(3):
+            C[r, c] = P[lead, o + r, o + c]
+    return fitted(log_weight, x, P, count, o, C, centre, SAME_MODE_MAHALANOBIS_SQ, scratch[4:])
 
 
 @compiled_noalloc
@@ -160,12 +163,12 @@ def densest_particle(x: Floats, o: int, covariance: Floats) -> int:
 
 @compiled_noalloc
 def particle_mode_probability(
-    log_weight: Floats, x: Floats, i: int, covariance: Floats, scratch: Floats
+    log_weight: Floats, x: Floats, none: Floats, i: int, covariance: Floats, scratch: Floats
 ) -> float:
-    """Weight of the particles in the leading mode of block i.
+    """Weight of the particles in the leading mode of block i; none (K, 0, 0) is their width.
 
     From the densest place, a Gaussian is fitted again and again to the particles
-    MODE_MEMBER_MAHALANOBIS_SQ it. covariance (3, 3) is that of all; scratch (8, 3).
+    MODE_MEMBER_MAHALANOBIS_SQ it. covariance (3, 3) is that of all; scratch (ROWS, 3).
     """
     o = 3 * i
     first = densest_particle(x, o, covariance)
@@ -174,39 +177,64 @@ def particle_mode_probability(
         centre[r] = x[first, o + r]
         for c in range(3):
             C[r, c] = INITIAL_MODE_SHARE * covariance[r, c]
+    return fitted(
+        log_weight, x, none, x.shape[0], o, C, centre, MODE_MEMBER_MAHALANOBIS_SQ, scratch[4:]
+    )
+
+
+@compiled_noalloc
+def fitted(
+    log_weight: Floats, x: Floats, P: Floats, count: int, o: int, C: Floats, centre: Floats,
+    within: float, scratch: Floats,
+) -> float:  # fmt: skip
+    """Let a Gaussian C, centre grow over the mode that it is in, in place; weight of that mode."""
     total = 0.0
     for _ in range(MODE_FIT_ITERATIONS):
-        total = refit_mode(log_weight, x, o, C, centre, scratch[4:7], scratch[7])
+        before = total
+        total = max(refit_mode(log_weight, x, P, count, o, C, centre, within, scratch), before)
+        if total > ALL or total == before:
+            break
     return min(total, 1.0)
 
 
 @compiled_noalloc
 def refit_mode(
-    log_weight: Floats, x: Floats, o: int, C: Floats, centre: Floats, S: Floats, m: Floats
-) -> float:
-    """Fit C, centre, in place, to the particles MODE_MEMBER_MAHALANOBIS_SQ; returns their weight.
+    log_weight: Floats, x: Floats, P: Floats, count: int, o: int, C: Floats, centre: Floats,
+    within: float, scratch: Floats,
+) -> float:  # fmt: skip
+    """Fit C, centre, in place, to the Gaussians or particles `within` it; returns their weight.
 
-    S, m: scratch.
+    A squared Mahalanobis distance, by the covariances of both; scratch (ROWS - 4, 3).
     """
-    total = 0.0
+    total, S, m, both = 0.0, scratch[:3], scratch[3], scratch[4:7]
     S[:] = 0.0
     m[:] = 0.0
-    for k in range(x.shape[0]):
-        if is_in_mode(x, k, o, centre, C, 1.0):
-            w, d = math.exp(log_weight[k]), block_offset(x, k, o, centre)
+    for k in range(count):
+        for r in range(3):
+            for c in range(r + 1):
+                both[r, c] = C[r, c] + covariance_entry(P, k, o + r, o + c)
+        d = block_offset(x, k, o, centre)
+        if squared_mahalanobis(d, both, 1.0) <= within:
+            w = math.exp(log_weight[k])
             total += w
             for r in range(3):
                 m[r] += w * d[r]
                 for c in range(r + 1):
-                    S[r, c] += w * d[r] * d[c]
+                    S[r, c] += w * (d[r] * d[c] + covariance_entry(P, k, o + r, o + c))
     if total > 0.0:
-        for r in range(3):
-            m[r] /= total
-            for c in range(r + 1):
-                S[r, c] /= total
-        center_moments(S, m)
-        for r in range(3):
-            centre[r] += m[r]
-            for c in range(3):
-                C[r, c] = S[r, c]
+        settle(S, m, total, C, centre)
     return total
+
+
+@compiled_noalloc
+def settle(S: Floats, m: Floats, total: float, C: Floats, centre: Floats) -> None:
+    """C, centre from sums of second and first moments about the centre, in place."""
+    for r in range(3):
+        m[r] /= total
+        for c in range(r + 1):
+            S[r, c] /= total
+    center_moments(S, m)
+    for r in range(3):
+        centre[r] += m[r]
+        for c in range(3):
+            C[r, c] = S[r, c]

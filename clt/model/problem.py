@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError, UsageError
 from clt.core.geometry import rotation_matrix
 from clt.core.recording import Floats, Indices, Recording, Robot, Stamps
@@ -31,17 +32,16 @@ from clt.model.inputs import (
 )
 from clt.model.settings import FilterSettings
 from clt.model.state_space import WORLD_REFERENCE, StateSpace, make_state_space
+from clt.model.unused import EARLY_END_NS, idle_static_robots, is_uncertain, unused_ranges
 
-EARLY_END_NS = 1_000_000_000
-"""Odometry that ends more than this before the log's is worth a word, ns."""
 BASE_LINK_SUFFIX = "/base_link"
 """Ends the id of a frame that moves with a robot."""
 MAX_OUTPUT_STEP_NS = 100_000_000
 """Longest time between two outputs, ns ..."""
 MAX_OUTPUTS_PER_SAMPLE = 100
 """... but no more outputs than this between two odometry samples, however long a gap is."""
-MAX_LISTED_ROBOTS = 3
-"""Robots that one line names."""
+NO_ODOMETRY, NO_INITIAL_POSE = "no_odometry", "no_initial_pose"
+"""Kinds of diagnostics: why a robot is not in the state."""
 WORLD_FRAME_SPEC = FrameSpec("world")
 
 
@@ -70,9 +70,8 @@ class Problem:
     start: int
     end: int
     """ns; everything is propagated up to here."""
-    notes: tuple[str, ...]
-    left_out: tuple[str, ...]
-    """Robots that cannot be estimated, with the reason: one line each."""
+    diagnostics: tuple[Diagnostic, ...]
+    """What had to be assumed, and robots and ranges that nothing is estimated from."""
     epoch: int = 0
     """Counts the runs that go on from one another; what draws at random adds it to its seed."""
     memory: object = None
@@ -98,7 +97,7 @@ class StateLayout:
     names: tuple[str, ...]
     who: tuple[int, ...]
     base: tuple[int, ...]
-    left_out: tuple[str, ...]
+    left_out: tuple[Diagnostic, ...]
 
 
 def choose_states(recording: Recording, start: Start, view: FrameSpec) -> StateLayout:
@@ -112,13 +111,14 @@ def choose_states(recording: Recording, start: Start, view: FrameSpec) -> StateL
     require_frame_robots(view, recording.team.names)
     for name in view.names:
         if name not in names:
-            why = next((line for line in left_out if line.startswith(f"{name} ")), "no pose")
+            why = next((reason_left_out(one) for one in left_out if one.subject == name), "no pose")
             raise CltError(f"no frame of {name}: {why}")
     if view.kind == "ego":
         ego = view.names[0]
         names = [ego, *(name for name in names if name != ego)]
         if len(names) == 1:
-            raise CltError(f"{ego} has no neighbour that can be localized: {'; '.join(left_out)}")
+            why = "; ".join(reason_left_out(one) for one in left_out)
+            raise CltError(f"{ego} has no neighbour that can be localized: {why}")
         who = tuple(range(1, len(names)))
         return StateLayout(tuple(names), who, (0,) * len(who), tuple(left_out))
     return StateLayout(view.names, (1, 0), (0, 1), ())
@@ -133,12 +133,13 @@ def require_frame_robots(view: FrameSpec, names: Sequence[str]) -> None:
 
 def state_robots(
     recording: Recording, start: Start, idle: Collection[str] = (), *, every: bool = False
-) -> tuple[list[str], list[str]]:
-    """Names of the robots in the state, and one line for each robot left out.
+) -> tuple[list[str], list[Diagnostic]]:
+    """Names of the robots in the state, and one diagnostic for each robot left out.
 
-    `idle` ones are left out without a line. `every`: static robots of certain position, too.
+    `idle` ones are left out without one. `every`: static robots of certain position, too.
     """
-    names, left_out = [], []
+    names: list[str] = []
+    left_out: list[Diagnostic] = []
     for robot in recording.team.robots:
         pose = start.poses.get(robot.name)
         if robot.name in idle:
@@ -147,12 +148,18 @@ def state_robots(
             if pose is not None and (every or is_uncertain(pose)):
                 names.append(robot.name)
         elif robot.name not in recording.odometry:
-            left_out.append(f"{robot.name} moves but has no odometry: not localized")
+            left_out.append(Diagnostic(NO_ODOMETRY, robot.name, "partial"))
         elif pose is None:
-            left_out.append(f"{robot.name} has no initial pose: not localized")
+            left_out.append(Diagnostic(NO_INITIAL_POSE, robot.name, "partial"))
         else:
             names.append(robot.name)
     return names, left_out
+
+
+def reason_left_out(found: Diagnostic) -> str:
+    """Why a robot is not in the state, for an error that ends the run."""
+    lack = "moves but has no odometry" if found.kind == NO_ODOMETRY else "has no initial pose"
+    return f"{found.subject} {lack}: not localized"
 
 
 def build_problem(
@@ -163,18 +170,19 @@ def build_problem(
     names, team = cast.names, recording.team
     odometry = {name: recording.odometry[name] for name in names if name in recording.odometry}
     if len(odometry) == 0:
-        why = f": {cast.left_out[0]}" if len(cast.left_out) > 0 else ""
+        why = f": {reason_left_out(cast.left_out[0])}" if len(cast.left_out) > 0 else ""
         raise CltError(f"no moving robot can be localized{why}")
     end = max(int(stream.stamp[-1]) for stream in odometry.values())
     parts, notes = driver_segments(recording, names, settings, start.stamp, end)
     table, said, placed = range_measurements(recording, start, cast, view, settings, end)
     left_out = [*cast.left_out, *unused_ranges(recording, placed, end)]
     if table.row.size == 0:
-        left_out.append("no range ties the team together: the estimate is dead reckoning")
+        left_out.append(Diagnostic("no_ranges", "", "partial"))
     for name, stream in odometry.items():
         if end - int(stream.stamp[-1]) > EARLY_END_NS:
             seconds = (end - int(stream.stamp[-1])) * 1e-9
-            left_out.append(f"the odometry of {name} ends {seconds:.1f} s before that of others")
+            early = {"early_s": seconds}
+            left_out.append(Diagnostic("odometry_ends_early", name, "partial", early))
     sigmas = settings.noise.lasting
     calibrated = [d for d, name in enumerate(names) if name in odometry and any(sigmas)]
     prior = make_prior(
@@ -204,30 +212,8 @@ def build_problem(
         output_times(cast, {name: odometry[name].stamp for name in odometry}, start.stamp),
         start.stamp,
         end,
-        (*idle_robots_note(recording, start, view), *notes, *said),
-        tuple(left_out),
+        (*idle_static_robots(recording, start, view), *notes, *said, *left_out),
     )
-
-
-def idle_robots_note(recording: Recording, start: Start, view: FrameSpec) -> tuple[str, ...]:
-    """A line on static robots that nothing in the log tells of; certain anchors lose nothing."""
-    names = [name for name in recording.idle if name not in view.names]
-    if view.kind == "mutual":
-        return ()
-    if view.kind == "world":
-        names = [
-            name for name in names if name not in start.poses or is_uncertain(start.poses[name])
-        ]
-    if len(names) == 0:
-        return ()
-    few = ", ".join(names[:MAX_LISTED_ROBOTS])
-    more = f" and {len(names) - MAX_LISTED_ROBOTS} more" if len(names) > MAX_LISTED_ROBOTS else ""
-    return (f"no range touches {few}{more}: static robots that cannot be estimated, left out",)
-
-
-def is_uncertain(pose: InitialPose) -> bool:
-    """Whether a pose has any uncertainty."""
-    return bool(np.any(pose.covariance != 0.0))
 
 
 def fixed_frame_id(start: Start) -> str:
@@ -238,10 +224,10 @@ def fixed_frame_id(start: Start) -> str:
 
 def driver_segments(
     recording: Recording, names: Sequence[str], settings: FilterSettings, start: int, end: int
-) -> tuple[list[TwistSegments], list[str]]:
+) -> tuple[list[TwistSegments], list[Diagnostic]]:
     """Twist segments of each robot from `start` to `end` (ns), and what had to be assumed."""
     parts: list[TwistSegments] = []
-    notes: list[str] = []
+    notes: list[Diagnostic] = []
     for name in names:
         if name in recording.odometry:
             robot = recording.team.robots[recording.team.index(name)]
@@ -261,7 +247,7 @@ def range_measurements(
     view: FrameSpec,
     settings: FilterSettings,
     end: int,
-) -> tuple[RangeTable, tuple[str, ...], set[int]]:
+) -> tuple[RangeTable, tuple[Diagnostic, ...], set[int]]:
     """The ranges of a view, what had to be assumed, and the robots that it has a place for.
 
     In a body frame the antenna of the robot it belongs to is a fixed point. Of mutual transforms
@@ -305,27 +291,6 @@ def antenna_position(robot: Robot, pose: InitialPose) -> Floats:
     """Where the antenna of a fixed robot is, shape (2,), m."""
     arm: Floats = rotation_matrix(float(pose.mean[2])) @ np.asarray(robot.antenna)
     return pose.mean[:2] + arm
-
-
-def unused_ranges(recording: Recording, placed: set[int], end: int) -> list[str]:
-    """One line for each static robot without a position, and for ranges after all odometry.
-
-    `placed` are the team indices in the state or fixed; `end` is the last odometry stamp, ns.
-    """
-    ranges, lines = recording.ranges, []
-    counts = np.bincount(
-        np.append(ranges.source, ranges.target), minlength=len(recording.team.robots)
-    )
-    for index, robot in enumerate(recording.team.robots):
-        if robot.static and index not in placed and counts[index] > 0:
-            lines.append(
-                f"{robot.name} stands at an unknown position: its {counts[index]} ranges are not "
-                "used; give it a pose with --init FILE"
-            )
-    late = int(np.sum(ranges.stamp > end + EARLY_END_NS))
-    if late > 0:
-        lines.append(f"{late} ranges come after the end of all odometry: not used")
-    return lines
 
 
 def output_times(cast: StateLayout, stamps: Mapping[str, Stamps], start: int) -> Outputs:

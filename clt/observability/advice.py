@@ -1,4 +1,4 @@
-"""What is not observable in a recording, and the remedy, in one line each."""
+"""What is not observable in a recording, and the remedies."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from collections.abc import Collection
 
 import numpy as np
 
+from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError
 from clt.core.recording import Floats, Indices, Ranges, Recording
-from clt.observability.exact.analysis import Analysis, analyse
+from clt.observability.exact.analysis import analyse
 from clt.observability.exact.codistribution import Motion
 from clt.observability.exact.setup import Setup, SetupRobot
 from clt.observability.windows.reference import has_motion, robots_of_known_position, usable_ranges
@@ -18,14 +19,13 @@ MIN_SPEED_RMS, MIN_TURN_RATE_RMS = 0.02, 0.01
 """Below these root mean squares a robot neither drives nor turns, m/s and rad/s."""
 MIN_MOTION_SIGMAS = 4.0
 """How many standard errors a motion must rise above the noise."""
-MAX_LISTED = 4
 MAX_IDLE_STATICS = 2
 """Static robots that nobody ranges: so many stand for all that a remedy may use."""
 
 
 def advise(
     recording: Recording, placed: Collection[str] = (), frame: str = "world"
-) -> tuple[str, ...]:
+) -> tuple[Diagnostic, ...]:
     """Warnings about what a filter in `frame` (`world`, `ego:A`, `mutual:A,B`) cannot observe.
 
     `placed` names the robots that have initial poses: static ones among them count as known. Mirror
@@ -34,17 +34,11 @@ def advise(
     found = analyse(setup_of(recording, placed, frame, idle=MAX_IDLE_STATICS))
     if found.observable:
         return ()
-    remedy = f"; remedy: {remedy_choices(found)}" if len(found.remedies) > 0 else ""
-    names = [direction.name for direction in found.unobservable]
-    more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
-    listed = ", ".join(names[:MAX_LISTED])
-    return (f"ranges cannot tell {listed}{more}: such errors never shrink{remedy}",)
-
-
-def remedy_choices(found: Analysis) -> str:
-    """The remedies as a choice."""
-    texts = [remedy.text for remedy in found.remedies[:MAX_LISTED]]
-    return ", or ".join(texts)
+    values = {
+        "directions": [direction.name for direction in found.unobservable],
+        "remedies": [remedy.text for remedy in found.remedies],
+    }
+    return (Diagnostic("unobservable", values=values),)
 
 
 def setup_of(

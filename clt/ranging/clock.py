@@ -18,12 +18,10 @@ from __future__ import annotations
 import numpy as np
 
 from clt.core.recording import Floats, Indices
-from clt.jit.kept import CachedKernel
 from clt.ranging.measured import MeasuredRanges
 from clt.ranging.states import ClockFilters
+from clt.ranging.sweep import run_clock_filters
 from clt.ranging.unwrap import LinkedPackets
-
-CLOCK_KERNEL = CachedKernel("clt.ranging.sweep", "sweep")
 
 
 def range_by_clock_filters(network: LinkedPackets, R: Floats) -> tuple[MeasuredRanges, Indices]:
@@ -45,7 +43,7 @@ def range_by_clock_filters(network: LinkedPackets, R: Floats) -> tuple[MeasuredR
     value, sigma, offset, skew = np.empty((4, size))
     rejected = np.zeros(square, np.int64)
     room = MeasuredRanges(row, row, row, target, instant, value, sigma, offset, skew)
-    m = CLOCK_KERNEL(network, R, filters, room, rejected)
+    m = run_clock_filters(network, R, filters, room, rejected)
     row = row[:m].copy()
     rest = (column[:m].copy() for column in (target, instant))
     told = (column[:m].copy() for column in (value, sigma, offset, skew))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from clt.core.recording import Indices, Stamps
+from clt.jit.compiled import compiled_noalloc
 
 REMEMBERED_PACKETS = 256
 """So many packets of each robot are kept in mind for receptions told later."""
@@ -10,6 +11,7 @@ MAX_RECEPTION_AGE_NS = 8_000_000_000
 """A reception told later than this (ns) is not believed: sequence numbers may have begun anew."""
 
 
+@compiled_noalloc
 def link_receptions(
     source: Indices,
     sequence: Indices,

@@ -81,6 +81,7 @@ def flight_time_variance(near: Floats, far: tuple[float, ...]) -> float:
     return float(0.25 * (near[3] + far[3] + MOTION_SHARE * moved * moved))
 
 
+@compiled_noalloc
 def run_clock_filters(
     network: LinkedPackets, R: Floats, f: ClockFilters, out: MeasuredRanges, rejected: Indices
 ) -> int:

@@ -8,10 +8,7 @@ import numpy as np
 
 from clt.core.recording import Indices, Stamps, UwbPackets
 from clt.core.ticks import COUNTER_PERIOD_TICKS, TICKS_PER_SECOND, tick_difference
-from clt.jit.kept import CachedKernel
-from clt.ranging.link import REMEMBERED_PACKETS
-
-LINK_KERNEL = CachedKernel("clt.ranging.link", "link")
+from clt.ranging.link import REMEMBERED_PACKETS, link_receptions
 
 
 class LinkedPackets(NamedTuple):
@@ -38,7 +35,7 @@ def unwrap_packets(frames: UwbPackets) -> LinkedPackets:
     robots = frames.heard.shape[1]
     row = np.full(frames.heard.shape, -1)
     known, told = np.full((robots, REMEMBERED_PACKETS), -1), np.full((robots, robots), -1)
-    LINK_KERNEL(frames.source, frames.sequence, frames.stamp, frames.heard, row, known, told)
+    link_receptions(frames.source, frames.sequence, frames.stamp, frames.heard, row, known, told)
     return LinkedPackets(frames.source, sent, received, row)
 
 

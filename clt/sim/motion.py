@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from collections.abc import Sequence as Row
+from collections.abc import Iterator, Sequence
 from itertools import islice
 
 import numpy as np
@@ -22,7 +21,7 @@ MAX_START_TRIES = 10_000
 """Starts that are tried for a sequence before the area is called too small."""
 
 
-def drive_paths(scenario: Scenario, team: Row[Member]) -> dict[str, DrivenPath]:
+def drive_paths(scenario: Scenario, team: Sequence[Member]) -> dict[str, DrivenPath]:
     """Paths over the scenario's duration by robot name; static robots have none."""
     moving = [member for member in team if not member.robot.static]
     return {member.robot.name: _path(scenario, member, len(moving)) for member in moving}

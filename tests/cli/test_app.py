@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -184,7 +185,7 @@ def test_a_terminal_that_knows_only_ascii(result, command):
 def test_a_standard_output_that_takes_nothing_is_one_line(result, command, where, why):
     code, _, err = shell(f"clt {command} {where}", result)
     assert code == 1, err
-    assert re.fullmatch(rf"clt: error: (standard output: )?{why}\n", err)
+    assert re.fullmatch(rf"clt: error: standard output: {why}\n", err)
 
 
 def test_a_closed_standard_output_that_is_not_needed(result):
@@ -196,3 +197,31 @@ def test_a_closed_standard_error(result):
     code, out, _ = shell("clt evaluate r.mcap --json 2>&-", result)
     assert (code, out[:1]) == (0, "{")
     assert shell("clt info none.mcap 2>&-", result)[:2] == (1, "")
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (("info", "none.mcap", "--json"), 1),
+        (("evaluate", "none.mcap", "--json"), 1),
+        (("settings", "nonsense", "--json"), 2),
+        (("localize", "none.mcap", "-o", "out.mcap", "--filter", "none", "--json"), 2),
+    ],
+)
+def test_with_json_an_error_is_an_object_too(clt, words, code):
+    """Its text is that of the line on standard error."""
+    done = clt(*words)
+    told = json.loads(done.stdout)
+    assert (done.exit_code, told["exit_code"]) == (code, code)
+    assert done.stderr == f"clt: error: {told['error']}\n"
+
+
+def test_no_object_goes_where_the_result_was_to_go(clt):
+    done = clt("localize", "none.mcap", "-o", "-", "--json")
+    assert (done.exit_code, done.stdout) == (2, "")
+
+
+def test_a_closed_standard_input_is_one_line(tmp_path):
+    code, out, err = shell("clt info - <&-", tmp_path)
+    assert (code, out) == (1, "")
+    assert err == "clt: error: standard input is closed; give a log's name or a pipe\n"

@@ -21,6 +21,7 @@ from clt.model.unicycle import EXACT_NOISE, exact_arc, process_noise
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
 from tests.filters.teams import ANCHORS, team_recording
+from tests.messages import failings
 
 DEFAULTS = FilterSettings()
 SIGMA = (0.01, 0.01, 0.01)
@@ -157,7 +158,7 @@ def test_a_moving_robot_without_odometry_is_left_out_and_named():
     bare = replace(recording, odometry=without(recording.odometry, "R2"))
     posterior = estimators.localize_recording(bare, start, DEFAULTS)
     assert posterior.robots == ("R1", "R3")
-    assert posterior.left_out == ("R2 moves but has no odometry: not localized",)
+    assert failings(posterior) == ("R2 moves but has no odometry: not localized",)
     r2 = recording.team.index("R2")
     assert r2 not in posterior.innovations.source
     assert r2 not in posterior.innovations.target
@@ -171,7 +172,7 @@ def test_a_robot_without_initial_pose_is_left_out_and_named():
     unplaced = replace(start, poses=without(start.poses, "R3", "S1"))
     posterior = estimators.localize_recording(recording, unplaced, DEFAULTS)
     assert posterior.robots == ("R1", "R2")
-    assert posterior.left_out == (
+    assert failings(posterior) == (
         "R3 has no initial pose: not localized",
         (
             "S1 stands at an unknown position: its 300 ranges are not used; "
@@ -195,7 +196,7 @@ def test_without_ranges_the_estimate_is_dead_reckoning_and_says_so():
     recording = replace(team_recording(seconds=5.0), ranges=no_ranges())
     start = from_truth(recording, SIGMA)
     posterior = estimators.localize_recording(recording, start, DEFAULTS)
-    assert posterior.left_out == (
+    assert failings(posterior) == (
         "no range ties the team together: the estimate is dead reckoning",
     )
     assert posterior.innovations.stamp.size == 0
@@ -365,10 +366,10 @@ def test_ranges_after_the_odometry_are_told():
     }  # fmt: skip
     cut = replace(recording, odometry=short)
     posterior = estimators.localize_recording(cut, from_truth(cut, SIGMA), DEFAULTS)
-    assert any("after the end of all odometry" in line for line in posterior.left_out)
+    assert any("after the end of all odometry" in line for line in failings(posterior))
     one = replace(recording, odometry={**recording.odometry, "R2": short["R2"]})
     posterior = estimators.localize_recording(one, from_truth(one, SIGMA), DEFAULTS)
-    assert any("R2 ends 5.0 s before" in line for line in posterior.left_out)
+    assert any("R2 ends 5.0 s before" in line for line in failings(posterior))
 
 
 def test_outputs_of_a_log_that_jumps_by_decades_stay_within_it():

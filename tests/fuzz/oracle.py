@@ -14,6 +14,7 @@ from typing import Any
 from typer.testing import CliRunner
 
 from clt.cli.app import app
+from clt.core.errors import CltError
 from clt.log.recording.load import load
 
 SLOWEST = 10.0
@@ -61,7 +62,10 @@ def numbers(text: str, as_json: bool, result: Path | None) -> list[str]:
     elif BARE.search(text) is not None:
         wrong.append(f"says {BARE.search(text)}")
     if result is not None and result.suffix == ".mcap" and result.exists():
-        recording = load(result).recording
+        try:
+            recording = load(result).recording
+        except CltError as error:
+            return [*wrong, f"the result cannot be read: {error}"]
         for name, poses in {**recording.estimate, **recording.dead_reckoning}.items():
             columns: list[Any] = [poses.x, poses.y, poses.heading]
             if poses.covariance is not None:

@@ -10,20 +10,25 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from clt.jit import compiled
+from clt.jit import compiled, parts, watching
 
 LEAF = """
 from kernels.compiled import compiled_noalloc
 
+TERM = {term}
+
 @compiled_noalloc
 def leaf(x):
-    return x + {term}
+    {remark}
+    return x + TERM
 """
 ROOT = """
 import numpy as np
-from kernels.compiled import compiled_noalloc, inlined, is_cached, kernel, watch_numba_compilation
+from clt.jit.watching import watched
+from kernels.compiled import compiled_noalloc, inlined, is_cached, kernel
 from kernels.leaf import leaf
 
 @inlined
@@ -43,8 +48,11 @@ def makes_none(n):
     return makes_arrays(n)
 
 print(is_cached(root))
-with watch_numba_compilation(lambda kept: print("compiling", kept)):
+steps = []
+with watched(steps.append):
     root(1.0), root(np.float32(1.0)), makes_none(3)
+if len(steps) > 0:
+    print("compiling", steps[0].kept)
 print(is_cached(root), root(1.0))
 """
 
@@ -55,9 +63,14 @@ def package(tmp_path):
     folder = tmp_path / "kernels"
     folder.mkdir()
     shutil.copy(compiled.__file__, folder / "compiled.py")
-    (folder / "leaf.py").write_text(LEAF.format(term="1.0"))
+    write_leaf(folder, "1.0")
     (folder / "root.py").write_text(ROOT)
     return folder
+
+
+def write_leaf(folder: Path, term: str, remark: str = "# nothing") -> None:
+    """Write the file of the kernel that the other one calls."""
+    (folder / "leaf.py").write_text(LEAF.format(term=term, remark=remark))
 
 
 def run(package: Path, cache: Path, home: Path | None = None) -> str:
@@ -78,14 +91,58 @@ def run(package: Path, cache: Path, home: Path | None = None) -> str:
     return done.stdout
 
 
-def test_machine_code_is_kept_until_any_source_changes(package, tmp_path):
+def test_machine_code_is_kept_until_what_it_calls_changes(package, tmp_path):
     cache = tmp_path / "cache"
     assert run(package, cache) == "False\ncompiling True\nTrue 4.0\n"
     assert run(package, cache) == "True\nTrue 4.0\n"
     # Only the callee's file changes, and its time of change lies in the past as after unpacking.
-    (package / "leaf.py").write_text(LEAF.format(term="2.0"))
+    write_leaf(package, "2.0")
     os.utime(package / "leaf.py", (1e9, 1e9))
     assert run(package, cache) == "False\ncompiling True\nTrue 6.0\n"
+
+
+def test_machine_code_outlives_changes_that_do_not_concern_it(package, tmp_path):
+    cache = tmp_path / "cache"
+    assert run(package, cache) == "False\ncompiling True\nTrue 4.0\n"
+    write_leaf(package, "1.0", "# A remark, and lines of other numbers.\n")
+    (package / "other.py").write_text("x = 1\n")
+    assert run(package, cache) == "True\nTrue 4.0\n"
+
+
+def test_a_kernel_is_compiled_once_for_all_constants_and_callers(monkeypatch, tmp_path):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    steps = []
+
+    @compiled.compiled_noalloc
+    def leaf(x, row, half):
+        return 0.5 * x[row] if half else x[row]
+
+    @compiled.compiled_noalloc
+    def middle(x):
+        return leaf(x, 1, True) + leaf(x, x.size - 1, False)
+
+    @compiled.compiled_noalloc
+    def root(x):
+        return middle(x) + leaf(x, 0, True)
+
+    with watching.watched(steps.append) as watcher:
+        assert root(np.array([2.0, 4.0, 8.0])) == 11.0
+        assert [step.part for step in steps] == ["root", "middle", "leaf"]
+        assert [(step.done, step.total) for step in steps] == [(1, 3), (2, 3), (3, 3)]
+        # Called from Python, the same function is a kernel by itself.
+        assert leaf(np.array([2.0, 4.0, 8.0]), 2, False) == 8.0
+    assert [step.part for step in steps] == ["root", "middle", "leaf", "leaf"]
+    assert steps[-1].kernel == "leaf"
+    assert watcher.seconds > 0.0
+
+
+def test_numba_does_it_all_where_its_inside_differs(monkeypatch, tmp_path):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(parts, "INSIDE", ("_no_such_thing",))
+    assert not parts.parts_fit()
+    plain = compiled.compiled_noalloc(lambda x: x + 1.0)
+    assert "get_call_template" not in vars(plain.dispatcher)
+    assert plain(1.0) == 2.0
 
 
 def test_works_where_nothing_can_be_written(package, tmp_path):

@@ -138,7 +138,7 @@ def test_thousands_of_channels_before_their_schema(tmp_path):
 def test_a_zip_bomb_ends_early(tmp_path, monkeypatch):
     """Chunks beyond the limit are faults; what stands beside them is read."""
     monkeypatch.setattr(chunk, "FREE_INFLATED_BYTES", 1 << 20)
-    monkeypatch.setattr("clt.log.mcap.record_stream.FREE", 1 << 20)
+    monkeypatch.setattr("clt.log.mcap.record_stream.FREE_INFLATED_BYTES", 1 << 20)
     row = b"\x05" + (22 + 4096).to_bytes(8, "little") + bytes(22 + 4096)
     big = row * 128
     packed = zstandard.compress(big)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import tracemalloc
 from io import BytesIO
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from clt.core.document import Document
 from clt.core.recording import Odometry, Poses, Ranges, Robot, Team
 from clt.log.cdr import message_buffer
 from clt.log.mcap.write import write_log
@@ -53,12 +55,31 @@ def peak(path, **options):
     return most, sum(a.nbytes for a in arrays)
 
 
-@pytest.mark.parametrize("options", [{}, {"brief": True}])
+PATTERNS = b"""
+odometry = "/{robot}/odom"
+ground_truth = "/{robot}/ground_truth"
+[robots.R2]
+static = true
+[[ranges]]
+topic = "/{source}/uwb/range"
+target = "R2"
+"""
+MAPPED = {"streams": Document(Path("streams.toml"), PATTERNS)}
+
+
+@pytest.mark.parametrize("options", [{}, {"brief": True}, MAPPED])
 def test_loading_needs_few_times_the_columns(path, monkeypatch, options):
     monkeypatch.setattr(message_buffer, "DECODE_BATCH_BYTES", 1 << 20)
     most, columns = peak(path, **options)
     assert columns > 4_000_000
     assert most < 3 * columns + 6 * (1 << 20)  # one batch, one chunk, the window of the source
+
+
+def test_what_is_mapped_but_not_wanted_is_not_held(path, monkeypatch):
+    monkeypatch.setattr(message_buffer, "DECODE_BATCH_BYTES", 1 << 20)
+    most, columns = peak(path, want=frozenset({"truth"}), **MAPPED)
+    assert columns < 2_500_000
+    assert most < 3 * columns + 6 * (1 << 20)
 
 
 def test_batches_change_nothing(path, monkeypatch):

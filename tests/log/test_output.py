@@ -150,10 +150,10 @@ def test_a_terminal_is_refused(monkeypatch):
 PROGRAM = """
 from pathlib import Path
 from clt.core.errors import CltError
-from clt.log.output import output
+from clt.log.output import open_output
 import sys
 try:
-    with output(Path("-")) as file:
+    with open_output(Path("-")) as file:
         file.write(b"abc" * {times})
 except CltError as error:
     print(error, file=sys.stderr)

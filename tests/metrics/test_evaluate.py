@@ -16,6 +16,7 @@ from clt.metrics.errors import Delta
 from clt.metrics.evaluate import evaluate
 from clt.metrics.evaluation import EvaluateOptions
 from clt.metrics.tracks import select_poses
+from tests.messages import texts
 
 SIGMA = np.array([0.05, 0.03, 0.02])
 SE2 = EvaluateOptions(align="se2")
@@ -25,8 +26,8 @@ fixture_is_pure = settings(
 )
 
 
-def texts(evaluation):
-    return "\n".join(warned.text for warned in evaluation.warnings)
+def warnings(evaluation):
+    return "\n".join(texts(evaluation.diagnostics))
 
 
 def test_known_errors_are_found(synthetic):
@@ -40,7 +41,7 @@ def test_known_errors_are_found(synthetic):
     assert all(0.994 < share < 1.0 for share in team.inside.values())
     assert dead.ape.rmse > 5 * team.ape.rmse
     assert (team.matched, team.share) == (6000, 1.0)
-    assert evaluation.warnings == ()
+    assert evaluation.diagnostics == ()
     assert not evaluation.mirror
 
 
@@ -119,8 +120,8 @@ def test_mirrored_estimate_is_named_and_scores_badly(synthetic, moved, align):
     mirrored = moved(recording, lambda rows: rows * MIRROR)
     evaluation = evaluate(mirrored, EvaluateOptions(align=align))
     assert evaluation.mirror
-    assert "mirror" in texts(evaluation)
-    assert any(warned.partial for warned in evaluation.warnings)
+    assert "mirror" in warnings(evaluation)
+    assert any(one.severity == "partial" for one in evaluation.diagnostics)
     right = evaluate(recording, EvaluateOptions(align=align))
     assert not right.mirror
     assert evaluation.estimate.team.ape.rmse > 5 * right.estimate.team.ape.rmse
@@ -129,8 +130,8 @@ def test_mirrored_estimate_is_named_and_scores_badly(synthetic, moved, align):
 def test_one_mirrored_robot_is_named(synthetic, moved):
     evaluation = evaluate(moved(synthetic(), lambda rows: rows * MIRROR, ["R2"]))
     assert evaluation.mirror
-    assert "R2 " in texts(evaluation)
-    assert "R1" not in texts(evaluation)
+    assert "R2 " in warnings(evaluation)
+    assert "R1" not in warnings(evaluation)
 
 
 def test_known_anchors_unmask_a_mirrored_straight_line(synthetic):
@@ -186,7 +187,7 @@ def test_relative_estimates_are_scored_in_the_body_frame(synthetic):
         assert evaluation.estimate.scores[name].ape.mean == pytest.approx(0.5)
         assert evaluation.estimate.scores[name].heading.mean == pytest.approx(0.1)
     assert evaluation.dead_reckoning.scores["R2"].ape.rmse > 0.0
-    assert evaluation.warnings == ()
+    assert evaluation.diagnostics == ()
     with pytest.raises(UsageError, match="without alignment"):
         evaluate(replace(recording, estimate=tracks), SE2)
     no_ego = {name: t for name, t in recording.truth.items() if name != "R1"}
@@ -202,7 +203,7 @@ def test_gaps_lower_the_share_and_are_not_bridged(synthetic):
     evaluation = evaluate(replace(recording, estimate=tracks))
     score = evaluation.estimate.scores["R1"]
     assert (score.matched, score.share) == (500, pytest.approx(5 / 6))
-    assert "R1: only 500 of 600" in texts(evaluation)
+    assert "R1: only 500 of 600" in warnings(evaluation)
     wide = evaluate(replace(recording, estimate=tracks), EvaluateOptions(max_gap=6.0))
     assert wide.estimate.scores["R1"].share == 1.0
 
@@ -212,9 +213,9 @@ def test_missing_estimates_and_truths_are_said(synthetic):
     estimate = {name: t for name, t in recording.estimate.items() if name != "R1"}
     truth = {name: t for name, t in recording.truth.items() if name != "R2"}
     evaluation = evaluate(replace(recording, estimate=estimate, truth=truth))
-    assert "R1: no estimate" in texts(evaluation)
+    assert "R1: no estimate" in warnings(evaluation)
     assert evaluation.unscored == ("R2",)
-    assert all(warned.partial for warned in evaluation.warnings)
+    assert all(one.severity == "partial" for one in evaluation.diagnostics)
     assert list(evaluation.estimate.scores) == ["R3"]
 
 
@@ -226,12 +227,12 @@ def test_numbers_that_are_not_finite_are_counted_and_left_out(synthetic):
     P[7] = np.nan
     tracks = {**recording.estimate, "R1": replace(track, x=x, heading=heading, covariance=P)}
     evaluation = evaluate(replace(recording, estimate=tracks))
-    assert "R1: 4 of 600 poses of the estimate are not finite" in texts(evaluation)
+    assert "R1: 4 of 600 poses of the estimate are not finite" in warnings(evaluation)
     json.dumps(evaluation.as_dict("x"), allow_nan=False)
     P[100] = np.nan
     tracks["R1"] = replace(track, covariance=P)
     evaluation = evaluate(replace(recording, estimate=tracks))
-    assert "covariance of the estimate is not finite" in texts(evaluation)
+    assert "covariance of the estimate is not finite" in warnings(evaluation)
     assert evaluation.estimate.scores["R1"].anees is None
     tracks = {name: replace(t, x=np.full(600, np.nan)) for name, t in tracks.items()}
     with pytest.raises(CltError, match="no estimate has a finite pose"):
@@ -248,7 +249,7 @@ def test_truth_without_heading(synthetic):
     score = evaluation.estimate.scores["R1"]
     assert (score.heading, score.rpe, score.anees) == (None, None, None)
     assert set(score.inside) == {"x", "y"}
-    assert "truth has no heading" in texts(evaluation)
+    assert "truth has no heading" in warnings(evaluation)
     json.dumps(evaluation.as_dict("x"), allow_nan=False)
     with pytest.raises(CltError, match="with heading"):
         evaluate(replace(recording, truth=truth), EvaluateOptions(align="first"))
@@ -261,7 +262,7 @@ def test_a_heading_of_which_nothing_is_known_is_not_scored(synthetic):
     P[:, 2, 2] = UNIFORM_HEADING_SIGMA**2
     tracks = {**recording.estimate, "R1": replace(track, covariance=P)}
     evaluation = evaluate(replace(recording, estimate=tracks))
-    assert "R1: the estimate has no heading" in texts(evaluation)
+    assert "R1: the estimate has no heading" in warnings(evaluation)
     assert evaluation.estimate.scores["R1"].heading is None
     P[0, 2, 2] = 0.01
     evaluation = evaluate(replace(recording, estimate=tracks))
@@ -276,7 +277,7 @@ def test_singular_covariances_are_said(synthetic):
     }
     evaluation = evaluate(replace(recording, estimate=tracks))
     assert evaluation.estimate.team.anees is None
-    assert "R1: 600 of 600 covariances are singular" in texts(evaluation)
+    assert "R1: 600 of 600 covariances are singular" in warnings(evaluation)
 
 
 @pytest.mark.parametrize(
@@ -334,7 +335,7 @@ def test_dead_reckoning_that_cannot_be_aligned_follows_the_estimate(synthetic):
     recording = synthetic(moving=1)
     still = replace(recording.dead_reckoning["R1"], x=np.ones(600), y=np.ones(600))
     evaluation = evaluate(replace(recording, dead_reckoning={"R1": still}), SE2)
-    assert "dead reckoning cannot be aligned" in texts(evaluation)
+    assert "dead reckoning cannot be aligned" in warnings(evaluation)
     assert evaluation.dead_reckoning.transforms == evaluation.estimate.transforms
 
 
@@ -342,16 +343,16 @@ def test_estimates_worse_than_dead_reckoning_are_said(synthetic):
     recording = synthetic()
     far = {name: replace(t, x=t.x + 50.0) for name, t in recording.estimate.items()}
     evaluation = evaluate(replace(recording, estimate=far))
-    assert "R1: the estimate (50 m) is worse than dead reckoning" in texts(evaluation)
-    assert texts(evaluation).count("it diverged") == 3
-    assert all(warned.partial for warned in evaluation.warnings)
+    assert "R1: the estimate (50 m) is worse than dead reckoning" in warnings(evaluation)
+    assert warnings(evaluation).count("it diverged") == 3
+    assert all(one.severity == "partial" for one in evaluation.diagnostics)
     unsure = {
         name: replace(t, covariance=1e4 * np.tile(np.eye(3), (600, 1, 1)))
         for name, t in far.items()
     }
     evaluation = evaluate(replace(recording, estimate=unsure))
-    assert "worse than dead reckoning" in texts(evaluation)
-    assert not any(warned.partial for warned in evaluation.warnings)
+    assert "worse than dead reckoning" in warnings(evaluation)
+    assert not any(one.severity == "partial" for one in evaluation.diagnostics)
 
 
 def test_rpe_of_a_log_shorter_than_delta_is_null(synthetic):
@@ -361,7 +362,7 @@ def test_rpe_of_a_log_shorter_than_delta_is_null(synthetic):
 
 def test_json_has_the_keys_of_the_contract(synthetic):
     data = evaluate(synthetic()).as_dict("out.mcap")
-    assert {"log", "frame", "align", "filter", "robots", "team", "mirror", "warnings"} <= set(data)
+    assert {"log", "frame", "align", "filter", "robots", "team", "mirror"} <= set(data)
     assert (data["log"], data["filter"], data["mirror"]) == ("out.mcap", "eskf", False)
     seven = {"rmse", "mean", "median", "std", "min", "max", "p95"}
     for side in (*data["robots"].values(), data["team"]):

@@ -46,6 +46,24 @@ def test_white_residuals_show_nothing():
         assert all(pair.significant == () for pair in pairs.values()), seed
 
 
+def test_errors_that_stay_alike_for_a_while_show_no_mean_and_no_variance():
+    """AR(1) with rho = 0.9, of the deviation that the filter states: 19 of them are worth one."""
+    marked = {"mean": 0, "nis": 0, "autocorrelation": 0}
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        values = 0.1 * rng.normal(size=(1000, 2))
+        for k in range(1, 1000):
+            values[k] = 0.9 * values[k - 1] + np.sqrt(1.0 - 0.81) * values[k]
+        table = innovations(values.ravel())
+        for pair in [*pair_nis(table, TEAM).values(), all_nis(table)]:
+            for name in pair.significant:
+                marked[name] += 1
+        off = pair_nis(innovations(values.ravel() + 0.2), TEAM)
+        assert all("mean" in pair.significant for pair in off.values())
+    assert marked["mean"] + marked["nis"] <= 1
+    assert marked["autocorrelation"] >= 40
+
+
 @pytest.mark.parametrize(
     ("change", "expected"),
     [

@@ -19,6 +19,7 @@ from clt.metrics.evaluate import evaluate
 from clt.metrics.evaluation import EvaluateOptions
 from clt.metrics.tracks import select_poses
 from clt.report.figures.figure import compose_evaluation_figure
+from tests.messages import texts
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -103,8 +104,8 @@ def through(tmp_path):
     return write
 
 
-def texts(evaluation):
-    return [warned.text for warned in evaluation.warnings]
+def warnings(evaluation):
+    return list(texts(evaluation.diagnostics))
 
 
 def test_ego_frame(through):
@@ -115,7 +116,7 @@ def test_ego_frame(through):
         "none",
         True,
     )
-    assert evaluation.warnings == ()
+    assert evaluation.diagnostics == ()
     assert not evaluation.mirror
     assert list(evaluation.estimate.scores) == list(evaluation.dead_reckoning.scores)
     assert set(evaluation.estimate.scores) == {"R2", "A1"}
@@ -190,7 +191,7 @@ def test_mutual_frames(through):
     assert scores["R1"].heading.max < 1e-9
     assert lost["R1"].ape.rmse == pytest.approx(1.0)
     assert lost["R2"].ape.rmse == pytest.approx(1.0)
-    assert evaluation.warnings == ()
+    assert evaluation.diagnostics == ()
 
 
 @pytest.mark.parametrize("make", [ego_log, mutual_log])
@@ -239,7 +240,7 @@ def test_slow_truth_of_the_ego(through):
     score = evaluation.estimate.scores["R2"]
     assert (score.matched, score.share) == (20, 1.0)  # the 21st lies behind the last of R2
     assert score.ape.rmse == pytest.approx(0.5)
-    assert evaluation.warnings == ()
+    assert evaluation.diagnostics == ()
     # The other way around.
     truth = {"R1": track("world", straight, 50.0), "R2": track("world", beside, 1.0, first=0.013)}
     score = evaluate(through(replace(slow, truth=truth))[0]).estimate.scores["R2"]
@@ -251,13 +252,15 @@ def test_truths_that_hardly_meet_are_said(through):
     ego = recording.truth["R1"]
     part = select_poses(ego, np.arange(201) < 60)
     evaluation = evaluate(through(replace(recording, truth={**recording.truth, "R1": part}))[0])
-    assert texts(evaluation) == []  # as many as there are of R1
+    assert warnings(evaluation) == []  # as many as there are of R1
     holes = select_poses(ego, (np.arange(201) < 60) | (np.arange(201) >= 140))
     evaluation = evaluate(through(replace(recording, truth={**recording.truth, "R1": holes}))[0])
     assert evaluation.estimate.scores["R2"].matched == 121
     late = replace(ego, stamp=ego.stamp + 15 * SECOND, log_time=ego.log_time + 15 * SECOND)
     evaluation = evaluate(through(replace(recording, truth={**recording.truth, "R1": late}))[0])
-    assert "R2: only 51 of 201 truth poses have one of R1 in reach (--max-gap)" in texts(evaluation)
+    assert "R2: only 51 of 201 truth poses have one of R1 in reach (--max-gap)" in warnings(
+        evaluation
+    )
     never = replace(ego, stamp=ego.stamp + 60 * SECOND, log_time=ego.log_time + 60 * SECOND)
     with pytest.raises(CltError, match="no truth pose has one of the ego in reach"):
         evaluate(through(replace(recording, truth={**recording.truth, "R1": never}))[0])
@@ -279,7 +282,7 @@ def test_neighbours_without_estimate_or_truth_are_said(through):
     truth = {**recording.truth, "R3": recording.truth["R2"]}
     truth.pop("A1")
     evaluation = evaluate(through(replace(recording, team=TEAM, truth=truth))[0])
-    assert texts(evaluation) == ["R3: no estimate"]
+    assert warnings(evaluation) == ["R3: no estimate"]
     assert evaluation.unscored == ("A1",)
     assert list(evaluation.estimate.scores) == ["R2"]
 
@@ -314,7 +317,7 @@ def test_mirror_image_on_the_axis_of_the_ego(through):
     estimate = {"R2": track("R1/base_link", (3.0, -4.0, -np.pi / 2), 20.0)}
     evaluation = evaluate(through(replace(recording, estimate=estimate))[0])
     assert evaluation.mirror
-    assert any("mirror image of the estimate" in text for text in texts(evaluation))
+    assert any("mirror image of the estimate" in text for text in warnings(evaluation))
     turned = {"R2": track("R1/base_link", (-3.0, -4.0, -np.pi / 2), 20.0)}
     assert not evaluate(through(replace(recording, estimate=turned))[0]).mirror
 

@@ -21,6 +21,7 @@ from clt.model.inputs import (
     robot_segments,
 )
 from clt.model.settings import NoiseSettings
+from tests.messages import texts
 
 MS = 1_000_000
 QUIET = NoiseSettings(sigma_v=0.2, sigma_omega=0.1)
@@ -140,7 +141,7 @@ def test_a_gap_is_bridged_by_the_mean_with_a_wide_error():
     early = 50 * MS * np.arange(1, 11)
     sampled = odometry(np.append(early, early + 2500 * MS), np.repeat([0.4, 0.8], 10), 0.0)
     segments, notes = robot_segments(sampled, ROBOT, QUIET, 0, int(sampled.stamp[-1]))
-    assert notes == (
+    assert texts(notes) == (
         "gaps in the odometry of R1: 1, the longest 2.05 s; bridged with widened noise",
     )
     bridge = np.flatnonzero(~np.isin(segments.end, sampled.stamp))
@@ -179,7 +180,9 @@ def test_noise_nobody_tells_is_assumed_and_said():
     sampled = odometry([50 * MS, 100 * MS], 0.0)
     segments, notes = robot_segments(sampled, ROBOT, NoiseSettings(), 0, 100 * MS)
     assert len(notes) == 1
-    assert "does not tell the odometry noise of R1: assumed 0.1 m/s and 0.1 rad/s" in notes[0]
+    assert (
+        "does not tell the odometry noise of R1: assumed 0.1 m/s and 0.1 rad/s" in texts(notes)[0]
+    )
     np.testing.assert_allclose(segments.var_v, inputs.DEFAULT_SIGMA_V**2)
     for known in (replace(ROBOT, sigma_v=0.3, sigma_omega=0.2), ROBOT):
         told = odometry([50 * MS, 100 * MS], 0.0, sigma=0.7 if known is ROBOT else np.nan)
@@ -329,7 +332,7 @@ def test_range_noise_by_precedence():
     table, notes = range_table(measured, silent, {2: 0, 3: 1}, {}, QUIET, 0, 100)
     np.testing.assert_allclose(table.variance, [0.25, inputs.DEFAULT_SIGMA_RANGE**2])
     assert len(notes) == 1
-    assert "assumed 0.1 m" in notes[0]
+    assert "assumed 0.1 m" in texts(notes)[0]
 
 
 def test_both_directions_of_a_pair_share_its_correlation():

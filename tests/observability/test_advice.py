@@ -11,6 +11,7 @@ from clt.observability.advice import advise, motion_of, setup_of
 from clt.observability.exact.codistribution import Motion
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
+from tests.messages import texts
 
 
 def recording(moving=2, static=2, kind=None, **keys):
@@ -32,19 +33,19 @@ def test_a_team_with_two_anchors_needs_no_advice():
 
 
 def test_one_anchor_is_too_few_and_the_remedy_is_told():
-    (line,) = advise(recording(static=1))
+    (line,) = texts(advise(recording(static=1)))
     assert "rotation about static robot R1" in line
     assert "a second static robot of known position" in line
     assert "\n" not in line
 
 
 def test_no_anchor_leaves_translation_and_rotation():
-    (line,) = advise(recording(static=0))
+    (line,) = texts(advise(recording(static=0)))
     assert "translation in x, translation in y, rotation of the whole team" in line
 
 
 def test_ranges_to_the_anchors_that_are_there_are_the_first_remedy():
-    (line,) = advise(recording(**{"sensors.range.pairs": "moving-moving"}))
+    (line,) = texts(advise(recording(**{"sensors.range.pairs": "moving-moving"})))
     assert "translation in x" in line
     assert "remedy: ranges of R3 and R4 to R1 and R2" in line
 
@@ -85,7 +86,7 @@ def test_a_robot_that_ranges_nobody_floats():
     log = recording()
     keep = (log.ranges.source != 3) & (log.ranges.target != 3)
     columns = {name: getattr(log.ranges, name)[keep] for name in vars(log.ranges)}
-    (line,) = advise(replace(log, ranges=replace(log.ranges, **columns)))
+    (line,) = texts(advise(replace(log, ranges=replace(log.ranges, **columns))))
     assert "translation in x of R4" in line
     assert "heading of R4" in line
 

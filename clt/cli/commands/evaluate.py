@@ -18,6 +18,10 @@ from clt.cli.options import (
 from clt.cli.period import WHOLE_LOG, FromOption, Period, ToOption
 
 if TYPE_CHECKING:
+    from typing import TextIO
+
+    from rich.console import Console as Tables
+
     from clt.cli.console import Console
     from clt.core.document import Document
     from clt.core.recording import Recording
@@ -79,7 +83,7 @@ def evaluate(
     from clt.cli.inputs import Inputs
     from clt.cli.numbers import without_nan
     from clt.cli.period import parse_period
-    from clt.cli.reports.evaluate_report import print_evaluation, print_team_table, table_console
+    from clt.core.diagnostics import Diagnostic
     from clt.core.errors import CltError, UsageError
     from clt.metrics.errors import parse_delta
     from clt.metrics.evaluation import EvaluateOptions
@@ -97,8 +101,9 @@ def evaluate(
     found: dict[str, Evaluation] = {}
     objects: list[dict[str, object]] = []
     with inputs.report(output, force) as file:
-        out = table_console(file)
+        out = None if as_json else board_on(file)
         for log in logs:
+            already = len(console.diagnostics)
             try:
                 _, evaluation = evaluate_log(log, inputs["streams"], options, console, period)
             except (CltError, OSError) as error:
@@ -106,19 +111,33 @@ def evaluate(
                     raise
                 text = error.strerror if isinstance(error, OSError) else None
                 text = with_log_name(log, text or str(error))
-                objects.append({"log": str(log), "error": text})
-                console.warn(text, partial=True)
+                failure = Diagnostic("log_failed", str(log), "partial", {"error": text})
+                console.report([failure])
+                said = console.diagnostics[already:]
+                objects.append({"log": str(log), "error": text, "diagnostics": said})
                 continue
             found[str(log)] = evaluation
-            objects.append(evaluation.as_dict(str(log)))
-            if not as_json and (verbose or len(logs) == 1):
+            said = console.diagnostics[already:]
+            objects.append(evaluation_document(str(log), evaluation, said))
+            if out is not None and (verbose or len(logs) == 1):
+                from clt.cli.reports.evaluate_report import print_evaluation
+
                 print_evaluation(out, str(log), evaluation)
-        if as_json:
+        if out is None:
             document = objects[0] if len(logs) == 1 else objects
             print(json.dumps(without_nan(document), allow_nan=False, indent=1), file=file)
         elif len(logs) > 1 and len(found) > 0:
+            from clt.cli.reports.evaluate_report import print_team_table
+
             print_team_table(out, found)
     return EXIT_FAILED if len(found) < len(objects) else console.code
+
+
+def board_on(file: TextIO) -> Tables:
+    """A console for tables; JSON needs none."""
+    from clt.cli.reports.evaluate_report import table_console
+
+    return table_console(file)
 
 
 def evaluate_log(
@@ -135,14 +154,23 @@ def evaluate_log(
     from clt.metrics.evaluate import evaluate as compare
 
     recording = cut_to_period(load(log, streams, EVALUATE_ROLES), period)
-    console.report(recording.faults)
+    console.report_faults(recording.faults)
     try:
         evaluation = compare(recording, options)
     except CltError as error:
         raise type(error)(with_log_name(log, str(error))) from None
-    for warned in evaluation.warnings:
-        console.warn(with_log_name(log, warned.text), partial=warned.partial)
+    console.report(evaluation.diagnostics, about=str(log))
     return recording, evaluation
+
+
+def evaluation_document(
+    log: str, evaluation: Evaluation, said: list[dict[str, object]]
+) -> dict[str, object]:
+    """The object that `clt evaluate --json` prints of a log, with all that was `said` of it."""
+    from clt.cli.messages.render import diagnostic_text
+
+    warnings = [diagnostic_text(one) for one in evaluation.diagnostics]
+    return {**evaluation.as_dict(log), "warnings": warnings, "diagnostics": said}
 
 
 def with_log_name(log: Path, text: str) -> str:

@@ -70,7 +70,7 @@ def import_log(
     document = inputs["calibration"]
     settings = None if document is None else read_calibration(document)
     recording = IMPORT_FORMATS[form].read(paths[0])
-    console.report(recording.faults)
+    console.report_faults(recording.faults)
     if settings is not None:
         recording = apply_calibration(recording, settings)
     used = inputs.digests(file_digests(files))
@@ -96,7 +96,7 @@ def print_import_summary(
     if as_json:
         robots = list(recording.team.names)
         head = {"log": str(log), "format": form, "calibrated": applied, "robots": robots}
-        print(json.dumps({**head, **counts}))
+        print(json.dumps({**head, **counts, "diagnostics": console.diagnostics}))
     team = ", ".join(
         f"{robot.name} (static)" if robot.static else robot.name for robot in recording.team.robots
     )

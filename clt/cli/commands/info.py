@@ -33,6 +33,7 @@ def info(
     from clt.cli.console import Console
     from clt.cli.inputs import Inputs
     from clt.cli.memory import return_freed_memory
+    from clt.cli.messages.faults import fault_documents
     from clt.cli.reports.info_report import print_info
     from clt.cli.reports.topics import guesses_by_topic, topic_dicts
     from clt.log.recording.load import load
@@ -49,8 +50,9 @@ def info(
         if as_json:
             document = info_dict(loaded, summary)
             document["topics"] = topic_dicts(loaded.topics, loaded.used, guesses_by_topic(loaded))
+            document["diagnostics"] = fault_documents(loaded.recording.faults)
             print(json.dumps(document, allow_nan=False, indent=1), file=file)
         else:
             print_info(loaded, summary, file)
-    console.report(loaded.recording.faults)
+    console.report_faults(loaded.recording.faults)
     return console.code

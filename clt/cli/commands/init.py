@@ -41,7 +41,8 @@ def init(
         typer.Option(
             help="motion: from ranges and odometry alone (Shi). pairwise: relative poses from the "
             "ranges between pairs (Li). truth: from the ground truth. "
-            "auto: what the log records, else motion."
+            "auto: what the log records, else motion; where fewer than two robots stand still, "
+            "from the ground truth of some robots and the ranges of pairs, if there is any."
         ),
     ] = "auto",
     output: Annotated[
@@ -115,7 +116,8 @@ def init(
         with inputs.output(output, force) as file:
             file.write(poses_toml(used, found, {robot.name for robot in team.static}).encode())
     if as_json:
-        print(json.dumps(init_document(used, found), allow_nan=False))
+        document = init_document(used, found) | {"diagnostics": console.diagnostics}
+        print(json.dumps(document, allow_nan=False))
     elif output != STDOUT:
         print_initial_poses(found)
     return console.code

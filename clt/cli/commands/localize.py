@@ -60,8 +60,9 @@ def localize(
             help="motion: from the log's own ranges and odometry (Shi). pairwise: relative poses "
             "from the ranges between pairs that drive (Li). truth: from the ground truth. A TOML "
             "file: one table per robot with x, y, heading and optionally sigma. "
-            "auto: what the log records, else motion, or pairwise in the frame of a robot where "
-            "fewer than two robots stand still."
+            "auto: what the log records, else motion; where fewer than two robots stand still, "
+            "pairwise in the frame of a robot, in the world from the ground truth of some robots "
+            "and the ranges of pairs. A file with some robots places the others likewise."
         ),
     ] = "auto",
     config: Annotated[
@@ -114,7 +115,6 @@ def localize(
     settings = read_filter_settings(inputs["config"], sets)
 
     # Slow to import: what stands above is refused at once.
-    from clt.calibration.apply import apply_calibration, read_calibration
     from clt.cli.initial import find_start
     from clt.cli.reports.localize_report import localize_record, print_localize_summary
     from clt.estimation.estimators import MULTI_HYPOTHESIS_FILTERS, Estimator
@@ -124,31 +124,32 @@ def localize(
     from clt.observability.advice import advise
 
     estimator = Estimator(chosen, view, engine)
-    clock = [perf_counter()]
+    clock = [(perf_counter(), console.compile_s)]
     loaded = load(log, inputs["streams"], LOCALIZE_ROLES)
     recording = select_usable_part(loaded, period, console)
     settings = read_filter_settings(inputs["config"], sets, recording.team.communication)
     recording = with_ranges(recording, console)
     if (document := inputs["calibration"]) is not None:
+        from clt.calibration.apply import apply_calibration, read_calibration
+
         recording = apply_calibration(recording, read_calibration(document))
     require_data(recording, str(log))
     require_frame_robots(estimator.view, recording.team.names)
-    clock.append(perf_counter())
+    clock.append((perf_counter(), console.compile_s))
     ego = next(iter(estimator.view.names), None)
     kept = estimator.filter in MULTI_HYPOTHESIS_FILTERS
     start = find_start(recording, inputs["poses"] or init, settings, console, ego, kept=kept)
-    for line in advise(recording, start.poses, frame):
-        console.warn(line)
-    clock.append(perf_counter())
+    console.report(advise(recording, start.placed, frame))
+    clock.append((perf_counter(), console.compile_s))
     result = run_filter(recording, start, settings, estimator, as_received, console)
-    clock.append(perf_counter())
+    clock.append((perf_counter(), console.compile_s))
 
     timings = {
-        name: later - earlier
-        for name, earlier, later in zip(
+        name: later - earlier - (compiled_later - compiled)
+        for name, (earlier, compiled), (later, compiled_later) in zip(
             ("read_s", "init_s", "filter_s"), clock[:-1], clock[1:], strict=True
         )
-    }
+    } | {"compile_s": console.compile_s}
     choices = {"filter": estimator.filter, "frame": frame, "engine": engine, "init": init}
     choices["order"] = "as received" if as_received else "by stamp"
     digests = inputs.digests({str(log): loaded.sha256})
@@ -282,14 +283,7 @@ def run_filter(
 
     with announce_compilation(console):
         result = estimate(recording, start, settings, estimator, as_received=as_received)
-    for line in result.posterior.remarks:
-        console.say(line)
-    for line in result.posterior.warnings:
-        console.warn(line)
-    for line in result.posterior.left_out:
-        console.warn(line, partial=True)
-    for name in result.posterior.diverged:
-        console.warn(f"the estimate of {name} has diverged: its ranges contradict it", partial=True)
+    console.report(result.posterior.diagnostics)
     if len(result.recording.estimate) == 0:
         raise CltError("no estimate is finite: check the noise settings and the initial poses")
     return result

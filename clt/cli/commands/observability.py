@@ -116,7 +116,8 @@ def observability(
         refuse_options(given | {"--from": since, "--to": until}, "need a LOG")
         analysis = analyse(setup_from_options(told, frame, conditions))
         if as_json:
-            print(json.dumps(analysis.as_dict(), allow_nan=False, indent=1))
+            document = {**analysis.as_dict(), "diagnostics": console.diagnostics}
+            print(json.dumps(document, allow_nan=False, indent=1))
         else:
             print_analysis(analysis, verbose=verbose)
         return console.code
@@ -142,11 +143,9 @@ def observability(
     if output is not None:
         write_windows_picture(output, found, inputs, console, force=force, title=str(log))
     if as_json and output != STDOUT:
-        print(
-            json.dumps(
-                observability_document(log, analysis.as_dict(), found), allow_nan=False, indent=1
-            )
-        )
+        document = observability_document(log, analysis.as_dict(), found)
+        document["diagnostics"] = console.diagnostics
+        print(json.dumps(document, allow_nan=False, indent=1))
     elif output != STDOUT:
         print_analysis(analysis, verbose=verbose)
         print_windows(found)
@@ -304,9 +303,8 @@ def analyse_windows(
     from clt.observability.windows.windows import NOISE_STEP_S, evaluate_windows
 
     reference = build_reference(recording, settings.noise, NOISE_STEP_S)
-    for line in reference.notes:
-        console.warn(line)
-    with announce_compilation(console, ranging=True):
+    console.report(reference.notes)
+    with announce_compilation(console):
         return evaluate_windows(reference, window, framed=setup.framed, ego=ego)
 
 

@@ -62,13 +62,16 @@ def plot(
     inputs = Inputs.of(log, streams=streams)
     inputs.check(output, force)
     recording = load(log, inputs["streams"]).recording
-    console.report(recording.faults)
+    console.report_faults(recording.faults)
     evaluation = evaluate_if_possible(recording, align, str(log), console)
     with inputs.output(output, force) as file:
         if form == ".html":
+            from clt.cli.messages.render import diagnostic_text
             from clt.report.figures.page import html_page
 
-            file.write(html_page(str(log), recording, evaluation).encode())
+            found = () if evaluation is None else evaluation.diagnostics
+            texts = [diagnostic_text(one) for one in found]
+            file.write(html_page(str(log), recording, evaluation, texts).encode())
         else:
             from clt.report.figures.figure import draw_log_figure
             from clt.report.figures.style import IMAGE_FORMATS as KINDS
@@ -78,7 +81,8 @@ def plot(
     if output != STDOUT:
         console.say(f"{output}: {log}, " + ("not scored" if how is None else f"align {how}"))
     if as_json:
-        print(json.dumps({"log": str(log), "output": str(output), "align": how}))
+        head = {"log": str(log), "output": str(output), "align": how}
+        print(json.dumps({**head, "diagnostics": console.diagnostics}))
     return console.code
 
 
@@ -89,6 +93,7 @@ def evaluate_if_possible(
 
     Raises CltError where an alignment was asked for and cannot be had.
     """
+    from clt.core.diagnostics import Diagnostic
     from clt.core.errors import CltError
     from clt.metrics.evaluate import evaluate
     from clt.metrics.evaluation import EvaluateOptions
@@ -101,8 +106,8 @@ def evaluate_if_possible(
     except CltError as error:
         if align is not None:
             raise type(error)(f"{log}: {error}") from None
-        console.warn(f"{log}: {error}; drawn without errors")
+        found = Diagnostic("not_scored", log, values={"error": str(error)})
+        console.report([found], about=log)
         return None
-    for warned in evaluation.warnings:
-        console.warn(f"{log}: {warned.text}", partial=warned.partial)
+    console.report(evaluation.diagnostics, about=log)
     return evaluation

@@ -91,7 +91,7 @@ def range_log(
         )
     sigma = None if noise is None else noise * 1e-12
     try:
-        with announce_compilation(console, ranging=True):
+        with announce_compilation(console):
             found = range_packets(recording, method, smooth, sigma)
     except CltError as error:
         raise CltError(f"{loaded.path}: {error}") from None
@@ -104,6 +104,7 @@ def range_log(
     if as_json:
         counts = {name: len(one.stamp) for name, one in found.recording.odometry.items()}
         head = {"log": str(output), "ranges": len(found.recording.ranges.stamp)}
-        print(json.dumps({**head, "odometry": counts, **learnt, "warnings": console.warnings}))
+        said = {"warnings": console.warnings, "diagnostics": console.diagnostics}
+        print(json.dumps({**head, "odometry": counts, **learnt, **said}))
     print_ranging_summary(console, found)
     return console.code

@@ -42,7 +42,7 @@ def recover(
     console = Console(quiet, verbose)
     with opened(output, force, inputs=[log]) as file:
         saved = copy(log, file)
-    console.report(saved.faults)
+    console.report_faults(saved.faults)
     kept = f"{saved.messages} messages on {saved.channels} channels, {saved.documents} documents"
     console.say(
         f"{output}: saved {kept}; " + ("some data is lost" if console.code else "nothing lost")
@@ -52,5 +52,6 @@ def recover(
     if as_json:
         faults = [dict(vars(fault)) for fault in saved.faults]
         counts = {"messages": saved.messages, "channels": saved.channels}
-        print(json.dumps({**counts, "documents": saved.documents, "faults": faults}, indent=1))
+        found = {"faults": faults, "diagnostics": console.diagnostics}
+        print(json.dumps({**counts, "documents": saved.documents, **found}, indent=1))
     return console.code

@@ -155,7 +155,8 @@ def print_simulate_summary(
         counts["frames"] = len(recording.frames.stamp)
     team = recording.team
     if as_json:
-        print(json.dumps({"log": str(log), "robots": list(team.names), "messages": counts}))
+        head = {"log": str(log), "robots": list(team.names), "messages": counts}
+        print(json.dumps({**head, "diagnostics": console.diagnostics}))
         return
     console.say(
         f"{log}: {scenario.name}, seed {scenario.seed}, {scenario.duration:g} s, "

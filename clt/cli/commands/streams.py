@@ -30,7 +30,9 @@ def streams(
 
     from clt.cli.console import Console
     from clt.cli.inputs import Inputs
+    from clt.cli.messages.faults import fault_documents
     from clt.cli.reports.topics import topic_dicts
+    from clt.core.printable import count_text
     from clt.log.output import STDOUT
     from clt.log.recording.mapping.foreign import draft_streams
 
@@ -46,12 +48,15 @@ def streams(
                 "robots": list(drafted.robots),
                 "topics": topic_dicts(drafted.topics, frozenset(), guesses),
                 "streams": drafted.text,
+                "diagnostics": fault_documents(drafted.faults),
             }
             print(json.dumps(document, indent=1), file=file)
         else:
             file.write(drafted.text)
-    console.report(drafted.faults)
+    console.report_faults(drafted.faults)
     if output not in {None, STDOUT}:
-        console.say(f"{output}: {len(drafted.robots)} robots: {', '.join(drafted.robots)}")
+        console.say(
+            f"{output}: {count_text(len(drafted.robots), 'robot')}: {', '.join(drafted.robots)}"
+        )
         console.say(f"check it, then: clt info {log} --streams {output}")
     return console.code

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from clt.cli.reports.topics import MAX_TOPIC_ROWS as MOST
 from clt.cli.reports.topics import guesses_by_topic, topic_table, unread_topics
-from clt.core.printable import printable
+from clt.core.printable import count_text, printable
 from clt.core.printable import printable_name as shown
 from clt.core.recording import WORLD_FRAME, Recording
 from clt.log.recording.load import LoadedLog
@@ -45,7 +45,8 @@ def print_info(loaded: LoadedLog, summary: LogSummary, file: TextIO) -> None:
     if len(summary.pairs) > 0:
         console.print(pair_rate_table(summary.pairs))
         if len(summary.pairs) > MAX_RATE_PAIRS:
-            console.print(f"{len(summary.pairs) - MAX_RATE_PAIRS} more pairs: clt info --json\n")
+            more = count_text(len(summary.pairs) - MAX_RATE_PAIRS, "more pair")
+            console.print(f"{more}: clt info --json\n")
     rest = unread_topics(loaded)
     if len(rest) > 0:
         about = guesses_by_topic(loaded)
@@ -53,7 +54,7 @@ def print_info(loaded: LoadedLog, summary: LogSummary, file: TextIO) -> None:
         if len(about) > 0:
             console.print("clt streams drafts a file for --streams that names these topics\n")
         if len(rest) > MOST:
-            console.print(f"{len(rest) - MOST} more topics: clt info --json\n")
+            console.print(f"{count_text(len(rest) - MOST, 'more topic')}: clt info --json\n")
 
 
 def info_heading(loaded: LoadedLog, summary: LogSummary) -> list[str]:
@@ -64,9 +65,14 @@ def info_heading(loaded: LoadedLog, summary: LogSummary) -> list[str]:
         f"{loaded.path}: {duration_text(summary)}",
         f"written by {loaded.library or 'unknown'}",
     ]
-    counts = [f"{len(recording.ranges.stamp)} ranges of {len(summary.pairs)} pairs"]
+    ranges, pairs = (
+        count_text(len(recording.ranges.stamp), "range"),
+        count_text(len(summary.pairs), "pair"),
+    )
+    counts = [f"{ranges} of {pairs}"]
     if summary.innovations > 0:
-        counts.append(f"{summary.innovations} innovations, {summary.accepted} accepted")
+        number = count_text(summary.innovations, "innovation")
+        counts.append(f"{number}, {summary.accepted} accepted")
     lines.append(f"{len(team.moving)} moving and {len(team.static)} static robots")
     lines.append("; ".join(counts))
     lines.append("truth: " + (", ".join(recording.truth) or "none"))
@@ -74,7 +80,7 @@ def info_heading(loaded: LoadedLog, summary: LogSummary) -> list[str]:
     if len(recording.attachments) > 0:
         lines.append("attachments: " + ", ".join(item.name for item in recording.attachments))
     count = sum(fault.count for fault in recording.faults)
-    lines.append("no faults" if count == 0 else f"{count} faults, told on standard error")
+    lines.append("no faults" if count == 0 else f"{count_text(count, 'fault')}, see standard error")
     return lines
 
 

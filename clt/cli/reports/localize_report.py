@@ -8,6 +8,7 @@ from pathlib import Path
 
 from clt.cli.console import Console
 from clt.cli.provenance import run_record
+from clt.core.printable import count_text
 from clt.core.recording import Poses
 from clt.estimation.pipeline import EstimationResult
 from clt.model.settings import FilterSettings
@@ -62,13 +63,14 @@ def print_localize_summary(
     if as_json:
         ranges = {"used": int(seen.sum()), "rejected": int((~seen).sum())}
         head = {"log": str(log), **choices, "final": last, "ranges": ranges}
-        document = {**head, "timings": timings, "warnings": console.warnings}
-        print(json.dumps(document, allow_nan=False))
+        said = {"warnings": console.warnings, "diagnostics": console.diagnostics}
+        print(json.dumps({**head, "timings": timings, **said}, allow_nan=False))
         return
+    compiled = f", compiled in {timings['compile_s']:.1f} s" if timings["compile_s"] > 0.0 else ""
     console.say(
         f"{log}: {count_text(len(last), 'robot')}, {count_text(seen.size, 'range')}, "
         f"{int((~seen).sum())} rejected, "
-        f"filtered in {timings['filter_s']:.2f} s"
+        f"filtered in {timings['filter_s']:.2f} s{compiled}"
     )
     for name, pose in last.items():
         x, y, heading = pose["mean"]
@@ -77,11 +79,6 @@ def print_localize_summary(
             f"  {name} ends at x {x:.3f} m, y {y:.3f} m, heading {degrees(heading):.1f} deg "
             f"(sigma {s_x:.3f} m, {s_y:.3f} m, {degrees(s_heading):.1f} deg)"
         )
-
-
-def count_text(count: int, what: str) -> str:
-    """So many of something."""
-    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def final_pose(poses: Poses) -> dict[str, list[float]]:

@@ -42,7 +42,7 @@ def print_ranging_summary(console: Console, found: RangedRecording) -> None:
 
 def recover_ranges(recording: Recording, console: Console) -> Recording:
     """The recording with ranges and odometry out of its packets, by the method that suits them."""
-    with announce_compilation(console, ranging=True):
+    with announce_compilation(console):
         found = range_packets(recording)
     print_ranging_summary(console, found)
     run = {**recording.run, "ranging": json.dumps(ranging_document(found))}

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError
 from clt.core.recording import Poses, Recording, Stamps
 from clt.core.start import Start
@@ -22,10 +23,10 @@ from clt.estimation.estimators import (
     FILTERS_WITHOUT_SEARCH,
     Estimator,
     make_posterior,
-    start_sensitivity_warning,
+    overconfident,
     trajectories_by_robot,
 )
-from clt.estimation.posterior import Posterior
+from clt.estimation.posterior import Posterior, add_diagnostics
 from clt.estimation.replay.fixed_lag import (
     RANGE_NEVER_FUSED,
     Replay,
@@ -67,7 +68,7 @@ def replay_recording(
     problem = replace(
         with_replay_outputs(case),
         ranges=RangeTable._make(column[judged] for column in case.problem.ranges),
-        notes=(*case.problem.notes, *arrival_warnings(case, late)),
+        diagnostics=(*case.problem.diagnostics, *arrival_warnings(case, late)),
     )
     columns = {
         name: getattr(solution, name)[judged] for name in ("residual", "variance", "verdict")
@@ -76,12 +77,10 @@ def replay_recording(
     posterior = make_posterior(recording, problem, solution, settings, estimator.filter)
     whole = build_problem(recording, start, settings, estimator.view)
     alone = FILTERS_WITHOUT_SEARCH.get(estimator.filter)
-    doubt = (
-        ()
-        if alone is None
-        else start_sensitivity_warning(whole, alone(whole, settings), settings, estimator)
-    )
-    return replace(posterior, left_out=(*posterior.left_out, *doubt))
+    if alone is None:
+        return posterior
+    doubt = overconfident(whole, alone(whole, settings), settings, estimator)
+    return add_diagnostics(posterior, doubt)
 
 
 def dead_reckon_replay(
@@ -168,23 +167,19 @@ def decide_jacobians(settings: FilterSettings, problem: Problem) -> FilterSettin
     return settings.model_copy(update={"jacobians": "first" if hold else "latest"})
 
 
-def arrival_warnings(case: Replay, late: int) -> list[str]:
-    """What a user must know of how the messages came, one line each."""
-    lines, lag = [], case.lag
+def arrival_warnings(case: Replay, late: int) -> list[Diagnostic]:
+    """What a user must know of how the messages came."""
+    found: list[Diagnostic] = []
+    lag = case.lag
     heard = [own.feed for own in case.drivers if own is not None]
     delay = np.concatenate([own.log_time - own.stamp for own in heard])
     slow = int(np.sum(delay > lag))
     if late + slow > 0:
-        lines.append(
-            f"{late} ranges and {slow} odometry samples arrived more than {lag * 1e-9:g} s after "
-            "their stamps: these ranges are not used; raise received.lag"
-        )
+        counts = {"ranges": late, "odometry_samples": slow, "lag_s": lag * 1e-9}
+        found.append(Diagnostic("late_arrivals", values=counts))
     if not np.any(delay) and np.array_equal(case.ranges.stamp, case.ranges.log_time):
-        lines.append("every message arrived at its own stamp: the log tells of no delays")
+        found.append(Diagnostic("no_delays"))
     elif np.median(delay) < -lag:
-        seconds = -float(np.median(delay)) * 1e-9
-        lines.append(
-            f"odometry arrived {seconds:.1f} s before its stamps: the recorder's clock was wrong, "
-            "so the log tells of no delays"
-        )
-    return lines
+        early = {"early_s": -float(np.median(delay)) * 1e-9}
+        found.append(Diagnostic("arrived_before_stamps", values=early))
+    return found

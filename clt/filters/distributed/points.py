@@ -27,7 +27,7 @@ from clt.filters.particle.resampling import MIN_EFFECTIVE_SHARE, effective_sampl
 from clt.jit.compiled import compiled_noalloc
 from clt.model.belief import Belief, sample_prior
 from clt.model.inputs import Outputs, RangeTable
-from clt.model.mixture_moments import mixture_block_moments, particle_mode_probability
+from clt.model.mixture_moments import ROWS, mixture_block_moments, particle_mode_probability
 from clt.model.problem import Problem
 from clt.model.range_model import predict_distance
 from clt.model.settings import FilterSettings
@@ -93,7 +93,7 @@ class ParticleMember:
     def report(self, outputs: Outputs, trace: MixtureOutput) -> None:
         """Fill in the outputs, which are not before the time reached."""
         K = self.cloud.log_weight.size
-        space, scratch = self.problem.space, np.zeros((8, 3))
+        space, scratch = self.problem.space, np.zeros((ROWS, 3))
         none = np.zeros((K, 0, 0))
         write_particle_outputs(
             self.cloud, outputs, self.drive, space, self.seed, none, scratch, trace
@@ -179,5 +179,5 @@ def write_particle_outputs(
         i = outputs.robot[o]
         propagate_shared(cloud, outputs.stamp[o], drive, space, seed)
         mixture_block_moments(w, x, none, w.size, i, trace.mean[o], trace.covariance[o])
-        share = particle_mode_probability(w, x, i, trace.covariance[o], scratch)
+        share = particle_mode_probability(w, x, none, i, trace.covariance[o], scratch)
         trace.share[o] = 1.0 if share >= 1.0 - MAX_STRAY_WEIGHT else share

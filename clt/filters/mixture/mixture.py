@@ -99,7 +99,7 @@ def mixture_kernel(
         else:
             i = outputs.robot[o]
             advance_sum_block(bank, i, outputs.stamp[o], segments, space, True)
-            write_sum_output(bank, i, trace, o, desk.factor)
+            write_sum_output(bank, i, trace, o, desk.mode)
             o += 1
     for d in range(bank.time.size):
         propagate_sum_driver(bank, d, end, segments, space)

@@ -2,7 +2,9 @@
 
 Two Gaussians merge, with their common moments, where that changes little: Runnalls' bound (2007)
 on the Kullback-Leibler divergence, for the two alone, is below MAX_MERGE_DIVERGENCE. Covariances
-are compared with a floor, as some of a state may be certain.
+are compared with a floor, as some of a state may be certain. Where there are still too many, the
+lightest merge into what is nearest to them (West 1993), which keeps mean and covariance; only what
+is near nothing is lost.
 """
 
 from __future__ import annotations
@@ -15,11 +17,13 @@ import numpy as np
 from clt.core.recording import Floats
 from clt.filters.mixture.gaussian_sum import GaussianSum, normalize_weights
 from clt.jit.compiled import compiled_noalloc
-from clt.model.mixture_moments import wrap_heading
+from clt.model.mixture_moments import ROWS, SAME_MODE_MAHALANOBIS_SQ, wrap_heading
 
 MIN_WEIGHT = 1e-6
 """Weight below which a hypothesis is dropped."""
 MAX_MERGE_DIVERGENCE = 0.04
+FAR = 6.25
+"""Squared difference of a number, in its variance, of two Gaussians that are not alike."""
 MERGE_VARIANCE_FLOOR = 1e-4
 """Added to every variance, m^2 and rad^2."""
 
@@ -55,12 +59,12 @@ def state_difference(a: Floats, b: Floats, blocks: int, out: Floats) -> None:
 
 
 @compiled_noalloc
-def clearly_distinct(P: Floats, Q: Floats, d: Floats) -> bool:
-    """Some number differs by more than two and a half standard deviations."""
+def farthest(P: Floats, Q: Floats, d: Floats) -> float:
+    """Largest squared difference of a number, in the variance of that difference."""
     far = 0.0
     for r in range(d.size):
         far = max(far, d[r] * d[r] / (P[r, r] + Q[r, r] + MERGE_VARIANCE_FLOOR))
-    return far > 6.25
+    return far
 
 
 @compiled_noalloc
@@ -90,7 +94,7 @@ def prune_light(bank: GaussianSum, least: float) -> None:
 
 
 class MergeWorkspace(NamedTuple):
-    """Scratch of merging."""
+    """Scratch of merging, and of telling what is left."""
 
     determinant: Floats
     """Log determinant of each Gaussian's covariance, (C,)."""
@@ -100,37 +104,59 @@ class MergeWorkspace(NamedTuple):
     """(N, N)."""
     merged: Floats
     """(N, N)."""
+    mode: Floats
+    """For `modes.leading_share`, (ROWS, 3)."""
 
 
 def make_merge_workspace(bank: GaussianSum) -> MergeWorkspace:
     """Scratch for a bank."""
     C, N = bank.mean.shape
-    return MergeWorkspace(np.zeros(C), np.zeros(N), np.zeros((N, N)), np.zeros((N, N)))
+    return MergeWorkspace(
+        np.zeros(C), np.zeros(N), np.zeros((N, N)), np.zeros((N, N)), np.zeros((ROWS, 3))
+    )
+
+
+@compiled_noalloc
+def combined(P: Floats, Q: Floats, d: Floats, a: float, M: Floats) -> None:
+    """Covariance of two Gaussians with shares a and 1 - a, d from mean to mean, into M."""
+    b = 1.0 - a
+    for r in range(d.size):
+        for c in range(d.size):
+            M[r, c] = a * P[r, c] + b * Q[r, c] + a * b * d[r] * d[c]
+
+
+@compiled_noalloc
+def share_of(bank: GaussianSum, i: int, j: int) -> float:
+    """Weight of Gaussian i in that of i and j."""
+    return 1.0 / (1.0 + math.exp(bank.log_weight[j] - bank.log_weight[i]))
+
+
+@compiled_noalloc
+def put(bank: GaussianSum, i: int, j: int, a: float, desk: MergeWorkspace) -> None:
+    """Gaussian i, of share a, becomes what `combined` made of it and j, which weighs nothing."""
+    for r in range(desk.difference.size):
+        bank.mean[i, r] += (1.0 - a) * desk.difference[r]
+        for c in range(desk.difference.size):
+            bank.covariance[i, r, c] = desk.merged[r, c]
+    bank.log_weight[i] -= math.log(a)
+    bank.log_weight[j] = -math.inf
 
 
 @compiled_noalloc
 def merge_pair(bank: GaussianSum, i: int, j: int, blocks: int, desk: MergeWorkspace) -> bool:
     """Merge Gaussian j into i if they are alike; its weight becomes zero."""
-    P, Q, d, M = bank.covariance[i], bank.covariance[j], desk.difference, desk.merged
+    P, Q, d = bank.covariance[i], bank.covariance[j], desk.difference
     state_difference(bank.mean[i], bank.mean[j], blocks, d)
-    if clearly_distinct(P, Q, d):
+    if farthest(P, Q, d) > FAR:
         return False
-    wi, wj = math.exp(bank.log_weight[i]), math.exp(bank.log_weight[j])
-    a, b = wi / (wi + wj), wj / (wi + wj)
-    for r in range(d.size):
-        for c in range(d.size):
-            M[r, c] = a * P[r, c] + b * Q[r, c] + a * b * d[r] * d[c]
-    whole = log_determinant(M, desk.factor)
-    cost = 0.5 * (whole - a * desk.determinant[i] - b * desk.determinant[j])
+    a = share_of(bank, i, j)
+    combined(P, Q, d, a, desk.merged)
+    whole = log_determinant(desk.merged, desk.factor)
+    cost = 0.5 * (whole - a * desk.determinant[i] - (1.0 - a) * desk.determinant[j])
     if not cost <= MAX_MERGE_DIVERGENCE:
         return False
     desk.determinant[i] = whole
-    for r in range(d.size):
-        bank.mean[i, r] += b * d[r]
-        for c in range(d.size):
-            P[r, c] = M[r, c]
-    bank.log_weight[i] = math.log(wi + wj)
-    bank.log_weight[j] = -math.inf
+    put(bank, i, j, a, desk)
     return True
 
 
@@ -147,48 +173,59 @@ def merge_similar(bank: GaussianSum, blocks: int, desk: MergeWorkspace) -> None:
 
 
 @compiled_noalloc
-def weight_threshold(log_weight: Floats, count: int, most: int) -> float:
-    """The least weight, MIN_WEIGHT or more, that not more than `most` of the Gaussians exceed."""
-    low, high = math.log(MIN_WEIGHT), 0.0
-    if count_heavier(log_weight, count, low) <= most:
-        return MIN_WEIGHT
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        if count_heavier(log_weight, count, middle) > most:
-            low = middle
-        else:
-            high = middle
-    return math.exp(high)
+def lightest(log_weight: Floats, count: int) -> int:
+    """Of the first `count` that weigh anything, the lightest."""
+    found = -1
+    for k in range(count):
+        if log_weight[k] > -math.inf and (found < 0 or log_weight[k] < log_weight[found]):
+            found = k
+    return found
 
 
 @compiled_noalloc
-def count_heavier(log_weight: Floats, count: int, limit: float) -> int:
-    """How many log weights are above the limit."""
-    n = 0
-    for k in range(count):
-        if log_weight[k] > limit:
-            n += 1
-    return n
+def nearest(bank: GaussianSum, j: int, blocks: int, desk: MergeWorkspace) -> int:
+    """The Gaussian nearest to j of those within SAME_MODE_MAHALANOBIS_SQ; -1 for none."""
+    found, best = -1, SAME_MODE_MAHALANOBIS_SQ
+    for i in range(bank.alive[0]):
+        if i != j and bank.log_weight[i] > -math.inf:
+            state_difference(bank.mean[i], bank.mean[j], blocks, desk.difference)
+            far = farthest(bank.covariance[i], bank.covariance[j], desk.difference)
+            if far < best:
+                found, best = i, far
+    return found
 
 
 @compiled_noalloc
-def sum_lighter(log_weight: Floats, count: int, least: float) -> float:
-    """Sum of the weights below `least`."""
-    total, limit = 0.0, math.log(least)
-    for k in range(count):
-        if log_weight[k] < limit:
-            total += math.exp(log_weight[k])
-    return total
+def absorb(bank: GaussianSum, surplus: int, blocks: int, desk: MergeWorkspace) -> float:
+    """Merge the lightest into what is nearest, `surplus` times; one that is near nothing goes.
+
+    Returns the weight of what went; what is gone weighs nothing.
+    """
+    lost = 0.0
+    for _ in range(surplus):
+        j = lightest(bank.log_weight, bank.alive[0])
+        i = nearest(bank, j, blocks, desk)
+        if i < 0:
+            lost += math.exp(bank.log_weight[j])
+            bank.log_weight[j] = -math.inf
+            continue
+        state_difference(bank.mean[i], bank.mean[j], blocks, desk.difference)
+        a = share_of(bank, i, j)
+        combined(bank.covariance[i], bank.covariance[j], desk.difference, a, desk.merged)
+        put(bank, i, j, a, desk)
+    return lost
 
 
 @compiled_noalloc
 def reduce_mixture(bank: GaussianSum, blocks: int, most: int, desk: MergeWorkspace) -> None:
-    """Prune, merge, and keep the `most` heaviest; the weight of the others adds to `dropped`."""
+    """Prune, merge, and make room so that not more than `most` are left.
+
+    The weight of what there is no room for adds to `dropped`.
+    """
     prune_light(bank, MIN_WEIGHT)
     merge_similar(bank, blocks, desk)
-    least = weight_threshold(bank.log_weight, bank.alive[0], most)
-    if least > MIN_WEIGHT:
-        bank.dropped[0] += (1.0 - bank.dropped[0]) * sum_lighter(
-            bank.log_weight, bank.alive[0], least
-        )
-    prune_light(bank, least)
+    prune_light(bank, MIN_WEIGHT)
+    if bank.alive[0] > most:
+        lost = absorb(bank, bank.alive[0] - most, blocks, desk)
+        bank.dropped[0] += (1.0 - bank.dropped[0]) * lost
+        prune_light(bank, MIN_WEIGHT)

@@ -38,6 +38,7 @@ from clt.filters.particle.sir import kernel_seed
 from clt.jit.compiled import compiled_noalloc
 from clt.model.belief import Belief
 from clt.model.inputs import Outputs, RangeTable, TwistSegments
+from clt.model.mixture_moments import ROWS
 from clt.model.problem import Problem
 from clt.model.settings import FilterSettings
 from clt.model.solution import Solution
@@ -56,7 +57,7 @@ def solve_gaussian_particles(problem: Problem, settings: FilterSettings) -> Solu
     gaussian_particles_kernel(
         bank, problem.end, problem.space, problem.lever, problem.segments, problem.ranges,
         problem.outputs, settings.gate, kernel_seed(problem, settings), np.zeros(K, np.int64),
-        np.zeros(K, np.int64), np.zeros((3, 3)), trace,
+        np.zeros(K, np.int64), np.zeros((ROWS, 3)), trace,
     )  # fmt: skip
     return Solution(
         trace.mean, trace.covariance, trace.residual, trace.variance, trace.verdict,

@@ -25,7 +25,7 @@ from clt.filters.particle.resampling import (
 from clt.jit.compiled import compiled_noalloc
 from clt.model.belief import Belief, sample_prior
 from clt.model.inputs import Outputs, RangeTable, TwistSegments
-from clt.model.mixture_moments import mixture_block_moments, particle_mode_probability
+from clt.model.mixture_moments import ROWS, mixture_block_moments, particle_mode_probability
 from clt.model.mutual import is_mutual, set_inverse_mean
 from clt.model.problem import Problem
 from clt.model.range_model import predict_range
@@ -56,7 +56,7 @@ class ParticleSet(NamedTuple):
     """Scratch of one range, (1, 6)."""
     H: Floats
     scratch: Floats
-    """(8, 3)."""
+    """(ROWS, 3)."""
     cells: CellWorkspace
     """Scratch of resampling."""
 
@@ -95,7 +95,7 @@ def make_particle_set(problem: Problem, settings: FilterSettings) -> ParticleSet
     return ParticleSet(
         log_weight, x, np.zeros((K, 0, 0)), np.full(D, problem.start),
         problem.segments.first[:-1].copy(), np.zeros(K, np.int64), np.zeros(K, np.int64),
-        np.zeros(K), np.zeros((1, 6), np.int64), np.zeros((1, 6)), np.zeros((8, 3)),
+        np.zeros(K), np.zeros((1, 6), np.int64), np.zeros((1, 6)), np.zeros((ROWS, 3)),
         make_cell_workspace(K, x.shape[1]),
     )  # fmt: skip
 
@@ -210,7 +210,9 @@ def sir_kernel(
             advance_particle_block(cloud, i, outputs.stamp[o], segments, space, True)
             w, x = cloud.log_weight, cloud.x
             mixture_block_moments(w, x, cloud.none, K, i, trace.mean[o], trace.covariance[o])
-            trace.share[o] = particle_mode_probability(w, x, i, trace.covariance[o], cloud.scratch)
+            trace.share[o] = particle_mode_probability(
+                w, x, cloud.none, i, trace.covariance[o], cloud.scratch
+            )
             o += 1
     for d in range(cloud.time.size):
         propagate_particles(cloud, d, end, segments, space)

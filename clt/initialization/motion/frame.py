@@ -24,6 +24,7 @@ from clt.initialization.motion.layout import (
 )
 from clt.initialization.motion.lines import are_collinear, farthest_pair, not_all_coincident
 from clt.initialization.motion.places import PossiblePosition, distinct_positions
+from clt.initialization.motion.realizations import UNSEARCHED
 from clt.initialization.pair_distances import PairDistances, mean_distances
 from clt.model.settings import FilterSettings
 
@@ -167,6 +168,8 @@ def _arrangements(
         return Survey((), f"too few ranges between the static robots to place {', '.join(lost)}")
     if len(lost) > 0:
         notes = (*notes, f"too few ranges to place {', '.join(lost)}: left out")
+    if not found.searched:
+        return Survey((), UNSEARCHED)
     first = AlternativeLayout(found.position, found.covariance, found.probability)
     groups = _groups([first, *found.others], [names.index(name) for name in held])
     if len(groups) > MAX_ARRANGEMENTS:

@@ -28,6 +28,7 @@ from clt.initialization.motion.places import SAME_POSITION_M
 from clt.initialization.motion.realizations import (
     SAME_LAYOUT_M,
     LayoutGraph,
+    Realizations,
     find_realizations,
     noise_excess,
 )
@@ -70,6 +71,8 @@ class TeamLayout:
     """Of this layout among the `others`, which differ by more than a mirror image of the whole."""
     others: tuple[AlternativeLayout, ...] = ()
     """The most probable first."""
+    searched: bool = True
+    """False: the team is so large that there may be others that nobody looked for."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +125,7 @@ def estimate_layout(pairs: PairDistances, n: int, known: Mapping[int, Floats]) -
     used = np.ones(pairs.a.size, np.bool_)
     sparse = pairs.a.size < n * (n - 1) // 2
     found = _realizations(problem, best, known, sparse)
-    best = (found[0][0][problem.free], found[0][1])
+    best = (found.layouts[0][0][problem.free], found.layouts[0][1])
     if _contradictory(problem, best):
         more = [perturbed_layout(start, k) for start in guesses for k in range(LAYOUT_RESTARTS)]
         best = min([best, *(_fit(problem, start) for start in more)], key=_cost)
@@ -136,7 +139,7 @@ def estimate_layout(pairs: PairDistances, n: int, known: Mapping[int, Floats]) -
 
 def _realizations(
     problem: _Problem, best: tuple[Floats, float], known: Mapping[int, Floats], sparse: bool
-) -> list[tuple[Floats, float]]:
+) -> Realizations:
     """All layouts that are possible, from one of them; those that move loose nodes only are one."""
     rigid = _covariance(problem, *best)[2]
     return find_realizations(problem.nodes(known), problem.place(best[0]), rigid, sparse)
@@ -146,14 +149,14 @@ def _layout(
     pairs: PairDistances,
     used: NDArray[np.bool_],
     problem: _Problem,
-    found: list[tuple[Floats, float]],
+    found: Realizations,
     known: Mapping[int, Floats],
 ) -> TeamLayout:
     """The best of the layouts that were found, with those that are clearly another one.
 
     Others that lie within its noise widen its covariance.
     """
-    refined = [_fit(problem, position) for position, _ in found]
+    refined = [_fit(problem, position) for position, _ in found.layouts]
     refined.sort(key=_cost)
     scale = noise_excess(problem.nodes(known), refined[0][1])
     weight = np.exp(-0.5 * (np.array([cost for _, cost in refined]) - refined[0][1]) / scale)
@@ -182,7 +185,7 @@ def _layout(
     )
     left = pairs.distance - np.hypot(*(position[pairs.a] - position[pairs.b]).T)
     best = float(total / everything)
-    return TeamLayout(position, wide / total, left, used, rigid, best, likely)
+    return TeamLayout(position, wide / total, left, used, rigid, best, likely, found.searched)
 
 
 def same_place_distance(P: Floats, Q: Floats) -> Floats:

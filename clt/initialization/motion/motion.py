@@ -118,7 +118,9 @@ def from_motion(recording: Recording, settings: FilterSettings) -> Initializatio
     said = (*when.notes, *found.notes, *notes)
     frame = team.frame if surveyed else WORLD_FRAME
     assumed = mirror_assumptions(tried)
-    return Initialization(when.stamp, surveyed, ordered, said, frame=frame, assumed=assumed)
+    return Initialization(
+        when.stamp, surveyed, ordered, said, frame=frame, assumed=assumed, contradiction=doubt
+    )
 
 
 def mirror_assumptions(tried: Attempt) -> tuple[str, ...]:
@@ -160,7 +162,7 @@ def attempt_without_conflicts(
     blame = f"those of {pairs[0]} most"
     if len(open_) > 0:
         blame = f"those of {' or '.join(open_)} may be biased"
-    return tried, (), f"the ranges contradict each other, {blame}: {CALIBRATION_REMEDY}"
+    return tried, (), f"the ranges contradict each other, {blame}"
 
 
 def conflicts_of(tried: Attempt) -> list[tuple[int, int]]:
@@ -173,7 +175,7 @@ def explain_high_nis(tried: Attempt) -> str:
     nis = 1.0 if tried.settled is None else tried.settled.poses.nis
     if nis <= MAX_START_NIS:
         return ""
-    return f"ranges and odometry contradict each other (mean NIS {nis:.1f}): {CALIBRATION_REMEDY}"
+    return f"ranges and odometry contradict each other (mean NIS {nis:.1f})"
 
 
 def attempt_start(
@@ -246,7 +248,8 @@ def robot_statuses(tried: Attempt, doubt: str) -> dict[str, RobotStatus]:
             name: ambiguous_robot(name, tried.verdict, frames) for name in tried.verdict.shares
         }
         if tried.settled is not None:
-            told |= settled_robots(tried.settled, tried.verdict, doubt)
+            why = "" if doubt == "" else f"{doubt}: {CALIBRATION_REMEDY}"
+            told |= settled_robots(tried.settled, tried.verdict, why)
             poses = {name: candidate.pose.mean for name, candidate in tried.chosen.items()}
     possible = tuple(frame for frame, _ in tried.possible)
     told |= {

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from clt.core.recording import Floats
 from clt.initialization.motion.layout_minima import minimize_layouts
@@ -27,8 +29,16 @@ refitted, such layouts may fit within one."""
 MAX_REFITTED_REFLECTIONS, MAX_REFLECTED_LAYOUTS, MAX_KEPT_LAYOUTS, SCATTERED_STARTS = 48, 24, 64, 64
 """Reflections that are refitted, layouts that are reflected, those that are kept, and scattered
 starts, at most."""
+WORK = 30_000_000
+"""Lines times pairs that are looked at, which is some seconds."""
+TOGETHER = 1 << 20
+"""Numbers that are worked on at a time."""
 SAME_LAYOUT_M = 1e-3
 """Layouts closer than this are one minimum, m."""
+UNSEARCHED = (
+    "so many layouts fit the ranges between so many static robots that not all were looked for; "
+    "ranges between more pairs, or some positions in the log, would decide"
+)
 
 
 @dataclass(frozen=True)
@@ -42,29 +52,43 @@ class LayoutGraph:
     """Known positions hold the frame."""
 
 
+@dataclass(frozen=True)
+class Realizations:
+    """What a search found."""
+
+    layouts: list[tuple[Floats, float]]
+    """Possible layouts (n, 2) with their sums of squared residuals, the best first."""
+    searched: bool
+    """All layouts that were found were reflected, or as many as ever are."""
+
+
 def find_realizations(
     nodes: LayoutGraph, first: Floats, compared: NDArray[np.bool_], scatter: bool
-) -> list[tuple[Floats, float]]:
-    """Possible layouts (n, 2) with their sums of squared residuals, the best first.
+) -> Realizations:
+    """Possible layouts, from `first` (n, 2) and, with `scatter`, from further starts around it.
 
-    From `first` (n, 2) and, with `scatter`, from further starts around it. Layouts are one where
-    the `compared` nodes (n,) are at the same places; they may differ by a reflection of the whole.
+    Layouts are one where the `compared` nodes (n,) are at the same places; they may differ by a
+    reflection of the whole. Of large teams only as many are reflected as WORK allows.
     """
+    work = len(first) ** 2 * max(1, nodes.pairs.a.size)
+    most = int(min(MAX_REFLECTED_LAYOUTS, max(1, WORK // work)))
     begin = first[None]
     if scatter:
         begin = np.concatenate([begin, scattered_layouts(nodes, first)])
     found: list[tuple[Floats, float]] = []
     _gather(found, nodes, begin, compared)
     done: list[Floats] = []
-    while len(done) < MAX_REFLECTED_LAYOUTS:
+    while True:
         open_ = [p for p, _ in found if _new(done, p, compared)]
-        if len(open_) == 0:
+        if len(open_) == 0 or len(done) == most:
             break
         done.append(open_[0])
         starts = reflected_layouts(nodes, open_[0])
         if len(starts) > 0:
             _gather(found, nodes, starts, compared)
-    return found[:MAX_REFLECTED_LAYOUTS]
+    return Realizations(
+        found[:MAX_REFLECTED_LAYOUTS], len(open_) == 0 or most == MAX_REFLECTED_LAYOUTS
+    )
 
 
 def noise_excess(nodes: LayoutGraph, cost: float) -> float:
@@ -87,7 +111,8 @@ def reflected_layouts(nodes: LayoutGraph, position: Floats) -> Floats:
     pairs, n = nodes.pairs, len(position)
     held = ~nodes.free.any(axis=1) & nodes.anchored
     now = np.hypot(*(position[pairs.a] - position[pairs.b]).T)
-    made = [np.empty((0, n, 2))]
+    step = max(1, TOGETHER // max(pairs.a.size, 2 * n))
+    made, size = [np.empty((0, n, 2))], 0
     for u in range(n - 1):
         d, ends = position - position[u], position[u + 1 :] - position[u]
         along = ends / np.maximum(np.hypot(*ends.T), SAME_LAYOUT_M)[:, None]
@@ -100,13 +125,23 @@ def reflected_layouts(nodes: LayoutGraph, position: Floats) -> Floats:
             other, own = moved[:, None] & ~part, moved[:, None] & part
             useful = own.any(axis=2) & other.any(axis=2) & ~(own & held).any(axis=2)
             line, k = np.nonzero(useful)
-            made.append(np.where(part[line, k][:, :, None], image[line], position))
-    starts = np.concatenate(made)
+            for rows in np.split(np.arange(line.size), range(step, line.size, step)):
+                own = part[line[rows], k[rows]][:, :, None]
+                made.append(np.where(own, image[line[rows]], position))
+                size += rows.size
+                if size > step:
+                    made = [_cheapest(pairs, np.concatenate(made))]
+                    size = len(made[0])
+    starts = _cheapest(pairs, np.concatenate(made))
+    return starts if nodes.anchored else _framed(starts)
+
+
+def _cheapest(pairs: PairDistances, starts: Floats) -> Floats:
+    """MAX_REFITTED_REFLECTIONS starts (k, n, 2) of least squares in order, equal ones once."""
     cost = np.sum(_residual(pairs, starts) ** 2, axis=1)
     order = np.argsort(cost, kind="stable")
     _, first = np.unique(np.round(starts[order], 3), axis=0, return_index=True)
-    starts = starts[order][np.sort(first)[:MAX_REFITTED_REFLECTIONS]]
-    return starts if nodes.anchored else _framed(starts)
+    return starts[order][np.sort(first)[:MAX_REFITTED_REFLECTIONS]]
 
 
 def _parts(pairs: PairDistances, seeing: NDArray[np.bool_], n: int) -> NDArray[np.bool_]:
@@ -114,13 +149,14 @@ def _parts(pairs: PairDistances, seeing: NDArray[np.bool_], n: int) -> NDArray[n
 
     Part k of a graph holds node k as its first, and is empty where that belongs to an earlier one.
     """
-    reach = np.zeros((len(seeing), n, n), np.float32)
-    reach[:, pairs.a, pairs.b] = reach[:, pairs.b, pairs.a] = seeing
-    reach[:, np.arange(n), np.arange(n)] = 1.0
-    for _ in range(int(np.ceil(np.log2(max(n, 2))))):
-        reach = np.minimum(reach @ reach, 1.0)
-    first = np.argmax(reach, axis=2)
-    return np.asarray(first[:, None, :] == np.arange(n)[:, None])
+    graph, pair = np.nonzero(seeing)
+    ends = graph * n + pairs.a[pair], graph * n + pairs.b[pair]
+    size = len(seeing) * n
+    edges = coo_array((np.ones(graph.size, np.int8), ends), shape=(size, size))
+    _, label = connected_components(edges, directed=False)
+    _, first, own = np.unique(label, return_index=True, return_inverse=True)
+    lowest = (first[own] % n).reshape(len(seeing), 1, n)
+    return np.asarray(lowest == np.arange(n)[:, None])
 
 
 def _gather(

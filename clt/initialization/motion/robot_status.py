@@ -14,7 +14,7 @@ from clt.initialization.motion.heading_hypotheses import RefinedStart
 from clt.initialization.motion.places import PossiblePosition, distinct_positions
 from clt.initialization.motion.search import Candidate
 from clt.initialization.motion.team import CombinationWeights, JointStart
-from clt.initialization.status import Alternative, RobotStatus, Status, unobservable_status
+from clt.initialization.status import STATED, Alternative, RobotStatus, Status, unobservable_status
 
 MIRROR_POSITION_M, MIRROR_HEADING_RAD = 0.3, 0.3
 """A pose this close to the mirror image of another, m and rad, beyond three sigma, is that."""
@@ -34,10 +34,10 @@ def ambiguous_robot(
     shares = verdict.shares[name]
     best, probability = shares[0]
     what = f"{len(shares)} poses explain its ranges (the best with probability {probability:.2f}); "
-    what += "let it drive on in curves"
+    what += f"let it drive on in curves, or {STATED}"
     if all(are_mirror_images(best.pose, other.pose, frames[best.frame]) for other, _ in shares[1:]):
         what = f"this pose (with probability {probability:.2f}) or its mirror image, which only "
-        what += "turning tells apart; let it turn"
+        what += f"turning tells apart; let it turn, or {STATED}"
     why = f"{what}, or give its pose in a TOML file (--init FILE)"
     return RobotStatus(
         "ambiguous", refined_initial_pose(best.pose), probability, why, alternative_poses(shares)

@@ -20,6 +20,7 @@ from clt.initialization.motion.layout import (
 )
 from clt.initialization.motion.lines import are_collinear, farthest_pair, not_all_coincident
 from clt.initialization.motion.places import PossiblePosition
+from clt.initialization.motion.realizations import UNSEARCHED
 from clt.initialization.motion.robot_status import (
     LAYOUT_PART_MIRRORED,
     TOO_FEW_RANGES,
@@ -86,6 +87,9 @@ def _status(layout: TeamLayout, i: int, axis: tuple[Floats, Floats] | None) -> R
             )
             for p in places
         ]
-    return status_of_positions(
+    found = status_of_positions(
         places, LAYOUT_PART_MIRRORED if len(layout.others) > 0 else MIRROR_UNDECIDED_ADVICE
     )
+    if layout.searched or not places[0].covariance.any():
+        return found
+    return replace(found, status="ambiguous", why=UNSEARCHED)

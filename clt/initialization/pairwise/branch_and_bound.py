@@ -1,9 +1,9 @@
 """All relative poses that the ranges of a pair leave possible, by branch and bound.
 
 Cells of directions theta, turns phi and distances d are halved again and again. One is dropped only
-when `pair_bound` shows that no pose within it costs as little as the best known one and a margin;
+when `lower_bound` shows that no pose within it costs as little as the best known one and a margin;
 one is done when the cost hardly changes across it, and its distances are those of one minimum
-(`pair_promises`). No start has to be guessed and, up to rounding, every minimum within the margin
+(`unimodality`). No start has to be guessed and, up to rounding, every minimum within the margin
 is in a cell that is left. These are the posterior, cell by cell.
 """
 

@@ -6,7 +6,7 @@ every vector x, by Cauchy and Schwarz,
     r^T W^-1 r  >=  (x^T r)^2 / (x^T W x)      where x^T r > 0,
 
 and of both sides the least and the most within a cell are easily told for a fixed x: that which
-belongs to the best pose of the linearized cell, W_0^-1 (r_0 - J delta); see `pair_expansion`.
+belongs to the best pose of the linearized cell, W_0^-1 (r_0 - J delta); see `taylor_bounds`.
 Distances are taken in parts, from the best one on.
 """
 

@@ -15,7 +15,13 @@ from clt.initialization.pairwise.graph import JointHypothesis, PairGraph, combin
 from clt.initialization.pairwise.hypotheses import UNIQUE_PROBABILITY, PairHypotheses, is_sharp
 from clt.initialization.pairwise.outliers import chi_square_limit
 from clt.initialization.pairwise.pairwise import build_pair, solve_pair
-from clt.initialization.status import Alternative, Initialization, RobotStatus, unobservable_status
+from clt.initialization.status import (
+    STATED,
+    Alternative,
+    Initialization,
+    RobotStatus,
+    unobservable_status,
+)
 from clt.model.settings import FilterSettings
 
 SPANS_S = (15, 30, 60)
@@ -24,9 +30,8 @@ SPANS_S = (15, 30, 60)
 That of them counts which tells most: odometry drifts, and a longer one may tell less.
 """
 DRIVE_REMEDY = (
-    f"let both robots drive in curves in the first {SPANS_S[-1]} s, "
-    "or give its pose in a TOML file "
-    "(--init FILE)"
+    f"let both robots drive in curves in the first {SPANS_S[-1]} s, or {STATED}, or give its "
+    "pose in a TOML file (--init FILE)"
 )
 MIN_UNOBSERVABLE_ALTERNATIVES = 8
 """A robot with as many alternatives as these is not observable yet."""

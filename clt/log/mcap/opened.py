@@ -23,6 +23,7 @@ from clt.log.mcap.database import Database, TopicFilter
 from clt.log.mcap.packed import UnpackedFile, detect_packing
 from clt.log.mcap.scan import Channel, LogEvent, McapScan
 from clt.log.mcap.table import Messages
+from clt.log.unfinished import unfinished_file
 
 STDIN = Path("-")
 SIGNATURE_BYTES = 16
@@ -123,6 +124,8 @@ def open_log(path: Path, want: TopicFilter) -> Iterator[LogScan]:
     cannot be read.
     """
     if path == STDIN:
+        if sys.stdin is None:
+            raise LogError("standard input is closed; give a log's name or a pipe")
         yield McapScan(sys.stdin.buffer, "standard input")
     elif path.is_dir():
         yield JoinedBag(path, find_bag(path), want)
@@ -158,15 +161,23 @@ def open_log_file(path: Path, want: TopicFilter) -> Iterator[LogScan]:
 def _unpacked(
     path: Path, packed: UnpackedFile, file: BinaryIO, want: TopicFilter
 ) -> Iterator[LogScan]:
-    """A packed file; a database is unpacked on disk, for SQLite seeks."""
+    """A packed file; a database is unpacked on disk, for SQLite seeks.
+
+    What it was unpacked to is gone at the end, also at one by a signal; what a killed process left
+    behind, at the next time.
+    """
     name = str(path)
     start = packed.read(SIGNATURE_BYTES)
     file.seek(0)
     again = packed.again(file)
     if start == database.SQLITE_MAGIC:
-        with tempfile.TemporaryDirectory() as folder:
-            plain = Path(folder) / "bag.db3"
-            again.copy(plain)
+        folder = Path(tempfile.gettempdir())
+        with unfinished_file(folder / "unpacked.db3") as plain:
+            try:
+                again.copy(plain)
+            except OSError as error:
+                why = f"cannot be unpacked in {folder}: {error.strerror or error}"
+                raise LogError(f"{name}: {why}; TMPDIR names another folder") from None
             inner = Database(plain, name, want)
             yield UnpackedLog(name, inner.faults, again.sha256, inner)
     else:

@@ -22,6 +22,7 @@ from clt.log.mcap.chunk import (
     MAX_INFLATION_RATIO,
     inflate_chunk,
 )
+from clt.log.mcap.damaged import salvage
 from clt.log.mcap.records import (
     MCAP_MAGIC,
     RECORD_HEAD,
@@ -254,14 +255,21 @@ class RecordStream:
             return
         chunk, self._chunk = self._chunk, None
         hint = np.concatenate([np.empty(0, np.int64), *chunk.hints])
-        walk = find_records(chunk.data, hint)
+        walk, passed = find_records(chunk.data, hint), 0
+        if walk.stop < len(chunk.data):
+            found = salvage(chunk.data, walk, self._effort)
+            walk, passed = found.walk, found.passed
         for opcode, begin, end in walk.others:
             yield from self._record(chunk.place, opcode, chunk.data[begin:end].tobytes())
         yield from self._messages(chunk.place, chunk.data, walk.starts)
         rest = len(chunk.data) - walk.stop
-        if rest > 0:
-            text = f"the last {rest} bytes of a chunk make no sense; skipped"
-            self._faults.add("chunk", chunk.place, text, lost=True)
+        for count, which in ((passed, "bytes inside"), (rest, "last bytes")):
+            if count > 0:
+                text = f"{count} {which} of a chunk make no sense; skipped"
+                self._faults.add("chunk", chunk.place, text, lost=True)
+        if walk.doubtful > 0:
+            text = f"{walk.doubtful} records of a chunk skipped, which may have been messages"
+            self._faults.add("record", chunk.place, text, count=walk.doubtful, lost=True)
 
     def _loose(self) -> Iterator[FileRecord]:
         """A run of messages outside chunks, as far as the window reaches.

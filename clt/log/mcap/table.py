@@ -35,6 +35,8 @@ MESSAGE_ROW_DTYPE = np.dtype(
 
 RECORD_HEAD_DTYPE = np.dtype([("opcode", "u1"), ("length", "<u8")])
 
+NEARLY = {MESSAGE ^ 1 << bit for bit in range(8)} - {CHANNEL}
+"""Kinds that no chunk holds, one bit away from a message."""
 MAX_OTHER_RECORDS = 1 << 16
 """As many records of other kinds may stand in one container."""
 
@@ -71,6 +73,10 @@ class ContainerRecords:
     """Opcode, offset and end of each schema and channel record's content."""
     stop: int = 0
     """Where the walk ended; short of the container's end if a record makes no sense."""
+    last: int = 0
+    """Where its last record begins."""
+    doubtful: int = 0
+    """Records that were passed over and may have been messages."""
 
 
 def gather_items(data: Bytes, starts: Indices, kind: np.dtype[Any]) -> NDArray[Any]:
@@ -114,6 +120,7 @@ def _records_by_hint(data: Bytes, starts: Indices) -> ContainerRecords | None:
         if part.stop != right[gap]:
             return None
         walk.others += part.others
+        walk.doubtful += part.doubtful
         missed.append(part.starts)
     if sum(len(part) for part in missed) > 0:
         walk.starts = np.sort(np.concatenate([starts, *missed]), kind="stable")
@@ -125,9 +132,9 @@ def walk_records(
 ) -> ContainerRecords:
     """The records from `start` on, one by one; ends at a record of another kind than `only`."""
     starts = array("q")
-    others = []
-    strangers = 0
-    at = start
+    others: list[tuple[int, int, int]] = []
+    strangers = doubtful = 0
+    at = last = start
     unpack = RECORD_HEAD.unpack_from
     while at + RECORD_HEAD.size <= stop:
         opcode, length = unpack(data, at)
@@ -142,8 +149,9 @@ def walk_records(
                 break
             if opcode in {SCHEMA, CHANNEL}:
                 others.append((opcode, at + RECORD_HEAD.size, end))
-        at = end
-    return ContainerRecords(np.array(starts, np.int64), others, at)
+            doubtful += opcode in NEARLY
+        last, at = at, end
+    return ContainerRecords(np.array(starts, np.int64), others, at, last, doubtful)
 
 
 def message_table(data: Bytes, starts: Indices) -> tuple[Messages, int]:

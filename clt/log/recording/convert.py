@@ -133,7 +133,7 @@ def decode_topic(log: Log, topic: str, paths: list[str], log_time: bool) -> Deco
     try:
         messages, decoded = log.decode(topic, [*time, *paths])
     except PathError as error:
-        raise LogError(f"{log.name}: {topic}: {error}") from None
+        raise LogError(f"{log.name}: {shown(topic)}: {error}") from None
     data = DecodedTopic(log.name, topic, messages, decoded, messages.log_time)
     if len(time) > 0:
         stamp = stamps_of_fields(*(data.integers(name) for name in time))
@@ -242,4 +242,5 @@ def _check_known(log: Log, topic: str, kinds: Iterable[str], what: str) -> None:
     """Raise LogError, naming the types that would do, for a topic whose type is not one of them."""
     kind = log.struct(topic).name
     if kind not in kinds:
-        raise LogError(f"{log.name}: {topic}: {kind} holds no {what}; use: {', '.join(kinds)}")
+        place = f"{log.name}: {shown(topic)}"
+        raise LogError(f"{place}: {shown(kind)} holds no {what}; use: {', '.join(kinds)}")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from clt.core.document import Document
 from clt.core.errors import LogError
+from clt.core.printable import printable_name as shown
 from clt.core.recording import Recording
 from clt.log.cdr.msgdef import Struct
 from clt.log.recording import convert, packets, ranging, team_discovery
@@ -17,7 +18,7 @@ from clt.log.recording.clocks import timeline
 from clt.log.recording.fields import needed_fields
 from clt.log.recording.metadata import TEAM_RECORD, decode_run
 from clt.log.recording.reader import Log, Topic, read_log
-from clt.log.recording.roles import ALL, TopicRoles, robot_and_role, roles_by_file, roles_by_name
+from clt.log.recording.roles import ALL, TopicRoles, by_topic, roles_by_file, roles_by_name
 
 if TYPE_CHECKING:
     from clt.log.recording.mapping.streamsfile import StreamsFile
@@ -64,12 +65,14 @@ def load(
     Raises LogError where the log as a whole cannot be used, UsageError for a wrong streams file.
     """
     mapped = None if streams is None else _streams_file(streams)
-    named = None if mapped is None else roles_by_file(mapped, want)
+
+    def roles_of(topic: str) -> TopicRoles:
+        return roles_by_name([topic], want) if mapped is None else by_topic(mapped, topic, want)
 
     def paths(topic: str, struct: Struct) -> tuple[str, ...] | None:
-        return needed_fields(named or roles_by_name([topic], want), topic, struct, brief)
+        return needed_fields(roles_of(topic), topic, struct, brief)
 
-    log = read_log(path, lambda topic, _: _wanted(topic, mapped, want), paths)
+    log = read_log(path, lambda topic, _: topic in roles_of(topic).topics, paths)
     _check_readable(log)
     if mapped is not None:
         from clt.log.recording.mapping.resolve import resolve_streams  # noqa: PLC0415 - pydantic is slow to import
@@ -96,13 +99,6 @@ def _streams_file(source: Path | Document) -> StreamsFile:
     from clt.log.recording.mapping.streamsfile import read_streams_file  # noqa: PLC0415 - pydantic is slow to import
 
     return read_streams_file(source)
-
-
-def _wanted(topic: str, mapped: StreamsFile | None, want: frozenset[str]) -> bool:
-    if mapped is not None:
-        return mapped.wants(topic)
-    found = robot_and_role(topic)
-    return found is not None and found[1] in want
 
 
 def _recording(log: Log, roles: TopicRoles, mapped: StreamsFile | None, brief: bool) -> Recording:
@@ -180,11 +176,14 @@ def _check_readable(log: Log) -> None:
     schemas = {channel.schema for topic in topics for channel in topic.channels}
     told = sorted({schema.encoding for schema in schemas if schema is not None})
     raise LogError(
-        f"{log.name}: profile `{log.header.profile}` with {'/'.join(kinds) or 'unnamed'} messages "
-        f"({'/'.join(told) or 'no'} schemas); clt reads profile `ros2`: cdr with ros2msg schemas"
+        f"{log.name}: profile `{shown(log.header.profile)}` with "
+        f"{shown('/'.join(kinds)) or 'unnamed'} messages "
+        f"({shown('/'.join(told)) or 'no'} schemas); "
+        "clt reads profile `ros2`: cdr with ros2msg schemas"
     )
 
 
 def _topic_list(log: Log) -> str:
-    shown = [f"{topic.name} ({topic.type})" for topic in log.topics.values()]
-    return ", ".join(shown[:8]) + (f" and {len(shown) - 8} more" if len(shown) > 8 else "")
+    topics = list(log.topics.values())
+    some = ", ".join(f"{shown(topic.name)} ({shown(topic.type)})" for topic in topics[:8])
+    return some + (f" and {len(topics) - 8} more" if len(topics) > 8 else "")

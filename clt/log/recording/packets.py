@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from clt.core.errors import LogError
+from clt.core.printable import printable_name as shown
 from clt.core.recording import Indices, Team, UwbPackets, no_uwb_packets
 from clt.core.ticks import COUNTER_PERIOD_TICKS
 from clt.log.cdr.batch_decoder import Column
@@ -99,11 +100,12 @@ def decode_packets(log: Log, topics: Mapping[str, StreamTopic]) -> dict[str, Dec
         topic = stream.topic
         if log.struct(topic).name != "clt_msgs/UwbFrame":
             kind = log.topics[topic].type
-            raise LogError(f"{log.name}: {topic}: {kind} is not clt_msgs/UwbFrame")
+            raise LogError(f"{log.name}: {shown(topic)}: {shown(kind)} is not clt_msgs/UwbFrame")
         tables[robot] = decode_topic(log, topic, list(UWB_FRAME_FIELDS), stream.log_time)
         for name in UWB_FRAME_FIELDS:
             if resolve_path(log.struct(topic), name) != resolve_path(ours, name):
-                raise LogError(f"{log.name}: {topic}: `{name}` is not what clt_msgs/UwbFrame has")
+                place = f"{log.name}: {shown(topic)}"
+                raise LogError(f"{place}: `{name}` is not what clt_msgs/UwbFrame has")
     return tables
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from clt.core.errors import LogError
+from clt.core.printable import printable_name as shown
 from clt.core.recording import Floats, Indices, Innovations, Ranges, Stamps, Team, no_ranges
 from clt.log.cdr.msgdef import Struct
 from clt.log.cdr.paths import PathError, resolve_path
@@ -54,10 +55,11 @@ def read_ranges(log: Log, stream: RangeTopic, brief: bool = False) -> TopicRange
         return _read_clt_ranges_brief(log, stream) if brief else _read_clt_ranges(log, stream)
     path = stream.field or RANGE_FIELD_BY_TYPE.get(struct.name)
     if path is None:
-        raise LogError(f"{log.name}: {stream.topic}: name the `field` of {struct.name} to read")
+        place = f"{log.name}: {shown(stream.topic)}"
+        raise LogError(f"{place}: name the `field` of {shown(struct.name)} to read")
     if stream.source is None or stream.target is None:
-        place = f"{log.name}: {stream.topic}"
-        raise LogError(f"{place}: {struct.name} tells no ends; name source and target")
+        place = f"{log.name}: {shown(stream.topic)}"
+        raise LogError(f"{place}: {shown(struct.name)} holds no ends; name source and target")
     noise = range_paths(struct, stream, brief)[1:]
     data = decode_topic(log, stream.topic, [path, *noise], stream.log_time)
     raw = data.floats(path)
@@ -222,7 +224,8 @@ def robot_indices(team: Team, ids: Indices) -> Indices:
 def read_innovations(log: Log, topic: str, team: Team) -> Innovations:
     """What a filter made of each range."""
     if log.struct(topic).name != "clt_msgs/Innovation":
-        raise LogError(f"{log.name}: {topic}: {log.topics[topic].type} is not clt_msgs/Innovation")
+        kind = shown(log.topics[topic].type)
+        raise LogError(f"{log.name}: {shown(topic)}: {kind} is not clt_msgs/Innovation")
     data = decode_topic(log, topic, list(INNOVATION_FIELDS), log_time=False)
     source, target = (robot_indices(team, data.integers(name)) for name in INNOVATION_FIELDS[:2])
     residual, sigma, nis = (data.floats(name) for name in INNOVATION_FIELDS[3:])

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from clt.core.errors import LogError
+from clt.core.printable import printable_name as shown
 from clt.core.recording import Attachment
 from clt.log.cdr import batch_decoder
 from clt.log.cdr.message_buffer import MessageBuffer
@@ -73,13 +74,15 @@ class Log:
         if not self.topics[topic].readable or schema is None:
             told = "none" if schema is None else schema.encoding
             raise LogError(
-                f"{self.name}: {topic}: {channel.encoding or 'unknown'} messages (profile "
-                f"`{self.header.profile}`, schema {told}); clt reads ROS 2 CDR with ros2msg schemas"
+                f"{self.name}: {shown(topic)}: {shown(channel.encoding) or 'unknown'} messages "
+                f"(profile `{shown(self.header.profile)}`, schema {shown(told)}); "
+                "clt reads ROS 2 CDR with ros2msg schemas"
             )
         try:
             return parse_definition(schema.name, schema.data.decode("utf-8"))
         except (DefinitionError, UnicodeDecodeError) as error:
-            raise LogError(f"{self.name}: {topic}: definition of {schema.name}: {error}") from None
+            place = f"{self.name}: {shown(topic)}: definition of {shown(schema.name)}"
+            raise LogError(f"{place}: {error}") from None
 
     def decode(
         self, topic: str, paths: Sequence[str]

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal, get_args
+
+from clt.log.recording.mapping.patterns import fits
 
 if TYPE_CHECKING:
     from clt.log.recording.mapping.streamsfile import StreamsFile  # pydantic is slow to import
@@ -122,6 +124,31 @@ def roles_by_name(topics: Iterable[str], want: frozenset[str]) -> TopicRoles:
         innovation,
         roles.frames,
     )
+
+
+def by_topic(streams: StreamsFile, topic: str, want: frozenset[str]) -> TopicRoles:
+    """What a streams file takes one topic for, by name or by pattern, as far as that is wanted.
+
+    Robots that only other topics name are not known yet: the ends of ranges stay open, a stream of
+    a pattern stands under its pattern, and its stamps are taken to be those of headers.
+    """
+    roles = roles_by_file(streams, want)
+    odometry, truth = (
+        {name: one for name, one in named.items() if one.topic == topic}
+        for named in (roles.odometry, roles.truth)
+    )
+    for role, pattern, found in (
+        ("odometry", streams.odometry, odometry),
+        ("truth", streams.ground_truth, truth),
+    ):
+        if role in want and pattern is not None and fits(pattern, topic):
+            found[pattern] = StreamTopic(topic)
+    ranges = [
+        (topic, replace(one, topic=topic))
+        for _, one in roles.ranges
+        if one.topic == topic or ("{" in one.topic and fits(one.topic, topic))
+    ]
+    return TopicRoles(odometry, truth, ranges=tuple(ranges))
 
 
 def roles_by_file(streams: StreamsFile, want: frozenset[str]) -> TopicRoles:

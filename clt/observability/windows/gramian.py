@@ -11,10 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from clt.core.recording import Floats, Indices
-from clt.jit.kept import CachedKernel
 from clt.observability.windows.reference import ReferenceTrajectories
+from clt.observability.windows.sweep import add_window_information
 
-WINDOW_KERNEL = CachedKernel("clt.observability.windows.sweep", "sweep")
 FIXED_INFORMATION = 1e8
 """Information (1 / m^2) that stands for a coordinate fixed by choice of the frame."""
 
@@ -43,7 +42,7 @@ def window_information(
     Y = np.zeros((start.size, size, size))
     if framed:
         Y += frame_information(reference)
-    WINDOW_KERNEL(
+    add_window_information(
         Y, start, start + length, before, table.a, table.b, reference.ends - centre,
         table.weight_variance, first, path, reference.noise,
         np.empty(size), np.empty(6), np.empty(6, np.int64),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError
 from clt.core.recording import Floats, Poses, Ranges, Recording, Robot, Stamps
 from clt.core.start import median_period
@@ -50,8 +51,8 @@ class ReferenceTrajectories:
     ranges: RangeTable
     ends: Floats
     """(ranges, 2, 2): where both ends were, m."""
-    notes: tuple[str, ...]
-    """What was assumed or left out, one line each."""
+    notes: tuple[Diagnostic, ...]
+    """What was assumed or left out."""
 
 
 def build_reference(recording: Recording, noise: NoiseSettings, dt: float) -> ReferenceTrajectories:
@@ -63,7 +64,7 @@ def build_reference(recording: Recording, noise: NoiseSettings, dt: float) -> Re
         for robot in team.robots
         if robot.name in usable
     }
-    notes: list[str] = []
+    notes: list[Diagnostic] = []
     places = {
         robot.name: place
         for robot in team.static
@@ -78,10 +79,11 @@ def build_reference(recording: Recording, noise: NoiseSettings, dt: float) -> Re
     )
     still = [r.name for r in team.moving if not has_motion(recording, r)]
     if len(still) > 0:
-        notes.append(f"no odometry of {', '.join(still)}: left out of rank and windows")
+        notes.append(Diagnostic("motion_unknown", ", ".join(still)))
     missing = [r.name for r in team.robots if r not in state and r.name not in [*known, *still]]
     if len(missing) > 0:
-        notes.append(f"no {source.replace('_', ' ')} of {', '.join(missing)}: left out of windows")
+        stream = {"stream": source.replace("_", " ")}
+        notes.append(Diagnostic("no_trajectory", ", ".join(missing), values=stream))
     begin = max(int(poses.stamp[0]) for poses in usable.values())
     end = min(int(poses.stamp[-1]) for poses in usable.values())
     steps = int((end - begin) * 1e-9 / dt + 1e-6)
@@ -189,7 +191,7 @@ def _pose(
 
 def _noise(
     recording: Recording, robot: Robot, poses: Poses, noise: NoiseSettings, edges: Stamps
-) -> tuple[Floats, list[str]]:
+) -> tuple[Floats, list[Diagnostic]]:
     """Variance that each step adds along the heading and to it, shape (steps, 2)."""
     dt = np.diff(edges)[:, None] * 1e-9
     if robot.name in recording.odometry:
@@ -205,12 +207,10 @@ def _noise(
             first_known(noise.sigma_omega, robot.sigma_omega, size=1),
         ]
     )
-    assumed: list[str] = []
+    assumed: list[Diagnostic] = []
     if np.isnan(sigma).any():
-        assumed.append(
-            f"the log does not tell the odometry noise of {robot.name}: assumed {DEFAULT_SIGMA_V} "
-            f"m/s and {DEFAULT_SIGMA_OMEGA} rad/s; set noise.sigma_v and noise.sigma_omega"
-        )
+        values = {"sigma_v": DEFAULT_SIGMA_V, "sigma_omega": DEFAULT_SIGMA_OMEGA}
+        assumed.append(Diagnostic("odometry_noise_assumed", robot.name, values=values))
         sigma = np.where(np.isnan(sigma), [DEFAULT_SIGMA_V, DEFAULT_SIGMA_OMEGA], sigma)
     interval = max(median_period(poses.stamp) * 1e-9, MIN_PERIOD_S)
     return np.square(sigma) * interval * dt, assumed

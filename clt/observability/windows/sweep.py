@@ -62,6 +62,7 @@ def lose_information(
                 Y[r, c] -= share * work[c]
 
 
+@compiled_noalloc
 def add_window_information(
     Y: Floats, start: Indices, stop: Indices, before: Indices, a: Indices, b: Indices,
     ends: Floats, variance: Floats, first: Indices, path: Floats, noise: Floats,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from html import escape
 from math import degrees
 
@@ -27,18 +27,21 @@ SCORE_HEADINGS = (
 )  # fmt: skip
 
 
-def html_page(log: str, recording: Recording, evaluation: Evaluation | None) -> str:
-    """The whole page; it loads nothing from elsewhere. Raises CltError as `draw` does."""
+def html_page(
+    log: str, recording: Recording, evaluation: Evaluation | None, warnings: Sequence[str] = ()
+) -> str:
+    """The whole page, with lines of `warnings`; it loads nothing from elsewhere.
+
+    Raises CltError as `draw` does.
+    """
     figure = log_figure_svg(recording, evaluation)
     if evaluation is None:
         return _html_document(
             log, plain.unscored_title(recording), plain.unscored_subtitle(recording), figure
         )
-    warnings = "\n".join(
-        f'<p class="warning">{escape(warned.text)}</p>' for warned in evaluation.warnings
-    )
+    said = "\n".join(f'<p class="warning">{escape(text)}</p>' for text in warnings)
     head = "".join(f"<th>{escape(name)}</th>" for name in SCORE_HEADINGS)
-    rest = f"""{warnings}
+    rest = f"""{said}
 <table>
 <thead><tr>{head}</tr></thead>
 <tbody>

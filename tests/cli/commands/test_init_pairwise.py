@@ -47,6 +47,7 @@ def test_a_file_of_poses_says_what_it_does_not_hold(tmp_path):
         if scenario == "freeman":
             assert done.exit_code == 3
             assert "\n# R2 is ambiguous: 2 poses explain the ranges (this one with prob" in text
+            assert "noise.sigma_v, noise.sigma_omega" in text
         else:
             assert all("heading" not in tables[name] for name in ("R1", "R2"))
             assert "          -  " in done.stdout

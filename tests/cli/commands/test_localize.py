@@ -109,7 +109,7 @@ def test_json_is_one_object(clt, tmp_path):
     assert {key: told[key] for key in ("log", "filter", "frame", "init", "warnings")} == {
         "log": "out.mcap", "filter": "eskf", "frame": "world", "init": "truth", "warnings": [],
     }  # fmt: skip
-    assert set(told["timings"]) == {"read_s", "init_s", "filter_s"}
+    assert set(told["timings"]) == {"read_s", "init_s", "filter_s", "compile_s"}
     innovations = load(tmp_path / "out.mcap").recording.innovations
     used = int(innovations.accepted.sum())
     assert told["ranges"] == {"used": used, "rejected": 720 - used}
@@ -162,7 +162,7 @@ def test_the_run_is_on_record(clt, tmp_path, monkeypatch):
     assert json.loads(run["config"])["gate"] == 9.0
     assert json.loads(run["config"])["process"] == "exact"
     assert json.loads(run["warnings"]) == []
-    assert set(json.loads(run["timings"])) == {"read_s", "init_s", "filter_s"}
+    assert set(json.loads(run["timings"])) == {"read_s", "init_s", "filter_s", "compile_s"}
     start = json.loads(run["initial_poses"])
     truth = load(tmp_path / "in.mcap").recording.truth["R3"]
     assert set(start) == {"R1", "R2", "R3", "R4", "R5"}

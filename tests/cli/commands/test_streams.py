@@ -157,7 +157,8 @@ def test_a_robot_and_its_names_in_one_level(tmp_path):
 def test_what_stays_open_is_said(tmp_path):
     path = log(tmp_path / "x.mcap", {"/tb1/odom": "odometry", "/tb1/uwb": FLOAT, "/img": FLOAT})
     text = clt("streams", path).stdout
-    assert "# Between which robots?" in text
+    assert "# The topic does not name both ends: fill in the robots and uncomment." in text
+    assert 'source = "?"' not in text
     assert '# topic = "/tb1/uwb"' in text
     assert "# /img" in text
 

@@ -33,6 +33,7 @@ from tests.filters.distributed.dpf_runs import (
     start_of,
     team,
 )
+from tests.messages import remarks
 
 
 def without(recording, name, first, last):
@@ -234,10 +235,11 @@ def test_who_takes_over_a_belief_takes_over_since_when_it_lacks_odometry():
     assert crew.heard[0].tolist() == [0, 1, 2]
 
 
-def test_what_there_was_no_room_for_is_told():
+def test_what_there_is_no_room_for_merges():
     problem = problem_of(team(seconds=10.0))
-    assert solve_dpf(problem, settings()).dropped < 0.01
-    assert solve_dpf(problem, settings(reach=0.001, particles=5)).dropped > 0.1
+    many, few = (solve_dpf(problem, settings(reach=0.001, particles=n)) for n in (50, 5))
+    assert (many.dropped, few.dropped) == (0.0, 0.0)
+    assert np.all(np.trace(few.covariance[-1], axis1=-2, axis2=-1) > 0.0)
 
 
 def test_the_covariance_of_robots_out_of_reach_holds_their_errors():
@@ -309,4 +311,4 @@ def test_the_posterior_tells_what_was_sent():
     sent = told.traffic["R2"]
     assert sent["messages_sent"] == 50 + 5
     assert sent["bytes_sent"] == 50 * 40 + 5 * 3 * 3 * 8
-    assert any(line.startswith("R2 sent 55 messages, 2360 bytes") for line in told.remarks)
+    assert any(line.startswith("R2 sent 55 messages, 2360 bytes") for line in remarks(told))

@@ -14,6 +14,7 @@ from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
 from tests.estimation.test_estimators import anees
+from tests.messages import remarks
 
 ERRING = {
     "duration": 40.0,
@@ -53,7 +54,7 @@ def test_each_error_is_reported_with_its_sigma():
     }
     recording = replace(recording, odometry=off)
     posterior = localize_recording(recording, from_truth(recording, (0.01,) * 3), settings)
-    line = next(line for line in posterior.remarks if line.startswith("odometry of R3: "))
+    line = next(line for line in remarks(posterior) if line.startswith("odometry of R3: "))
     words = line.replace(",", "").split()
     assert words[3:8] == ["scale", "of", "v", "1.0000", "(sigma"]
     assert words[9:11] == ["of", "omega"]
@@ -62,5 +63,5 @@ def test_each_error_is_reported_with_its_sigma():
 
 def test_static_robots_have_no_errors_in_the_state():
     _, posterior = run(1, estimator=Estimator("ekf", FrameSpec("ego", ("R3",))))
-    told = [line.split()[2] for line in posterior.remarks if line.startswith("odometry of")]
+    told = [line.split()[2] for line in remarks(posterior) if line.startswith("odometry of")]
     assert told == ["R3:", "R4:", "R5:"]

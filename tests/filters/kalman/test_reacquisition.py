@@ -21,6 +21,7 @@ from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate
 from tests.filters.teams import team_recording
+from tests.messages import texts
 
 DEFAULTS = FilterSettings()
 NEVER = FilterSettings(reacquire=1000.0)
@@ -80,7 +81,7 @@ def test_a_search_in_vain_leaves_no_trace():
     np.testing.assert_array_equal(solution.mean, without.mean)
     np.testing.assert_array_equal(solution.covariance, without.covariance)
     np.testing.assert_array_equal(solution.residual, without.residual)
-    lines = vain_search_remarks(problem, solution)
+    lines = texts(vain_search_remarks(problem, solution))
     assert len(lines) == np.sum(solution.lost > 0)
     assert "looked lost" in lines[0]
     assert found_robot_warnings(problem, solution) == ()
@@ -98,7 +99,9 @@ def test_wrong_starts_are_found(share):
         assert solution.found.sum() > 0
         last = errors(recording, problem, solution, since=11.0)
         assert np.sqrt(np.mean(last[:, 0] ** 2)) < (0.1 if share == 0.0 else 0.5), seed
-        assert any("search found" in line for line in found_robot_warnings(problem, solution))
+        assert any(
+            "search found" in line for line in texts(found_robot_warnings(problem, solution))
+        )
         without = solve_eskf(problem, NEVER)
         stuck += errors(recording, problem, without, since=11.0)[:, 0].max() > 1.0
     assert stuck >= 6

@@ -18,7 +18,7 @@ from clt.initialization.given.truth import from_truth
 from clt.model import belief
 from clt.model.belief import Belief
 from clt.model.choices import FrameSpec
-from clt.model.mixture_moments import mixture_block_moments, particle_mode_probability
+from clt.model.mixture_moments import ROWS, mixture_block_moments, particle_mode_probability
 from clt.model.problem import build_problem
 from clt.model.settings import FilterSettings
 from tests.filters.mixture.test_mixture import EGO, cut, mirrored, pair_problem, relative_error
@@ -185,7 +185,9 @@ def test_the_leading_mode_of_particles(minor):
     )
     mean, P = np.zeros(3), np.zeros((3, 3))
     mixture_block_moments(log_weight, x, np.zeros((1000, 0, 0)), 1000, 0, mean, P)
-    share = particle_mode_probability(log_weight, x, 0, P, np.zeros((8, 3)))
+    share = particle_mode_probability(
+        log_weight, x, np.zeros((x.shape[0], 0, 0)), 0, P, np.zeros((ROWS, 3))
+    )
     assert share == pytest.approx(1.0 - minor / 1000, abs=0.001)
 
 
@@ -194,7 +196,8 @@ def test_a_gaussian_cloud_is_unique():
     rng = np.random.default_rng(3)
     for _ in range(20):
         log_weight, x = cloud(rng, [5000], [np.array([1, 2, 3.1])])
-        share = particle_mode_probability(log_weight, x, 0, np.cov(x.T), np.zeros((8, 3)))
+        none, scratch = np.zeros((5000, 0, 0)), np.zeros((ROWS, 3))
+        share = particle_mode_probability(log_weight, x, none, 0, np.cov(x.T), scratch)
         assert share > MIN_UNIQUE_PROBABILITY
 
 

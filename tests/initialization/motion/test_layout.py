@@ -1,10 +1,14 @@
 from __future__ import annotations
 
+import tracemalloc
+from itertools import combinations
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from clt.initialization.motion import realizations
 from clt.initialization.motion.layout import estimate_layout, reflect_at_line
 from clt.initialization.pair_distances import PairDistances
 
@@ -219,3 +223,28 @@ def test_known_positions_off_one_line_leave_the_images_of_single_nodes():
     np.testing.assert_allclose(hanging.others[0].position[:3], points[:3])
     whole = estimate_layout(pairs_of(points, np.random.default_rng(1)), 4, known)
     assert (len(whole.others), whole.probability) == (0, 1.0)
+
+
+def test_what_was_not_searched_is_not_sure(monkeypatch):
+    """Of a large team, which a limit of no work at all makes of this one."""
+    points = np.array([[0.0, 0.0], [6.0, 1.0], [3.0, 5.0], [2.0, -4.0], [9.0, 4.0], [8.0, 7.0]])
+    pairs = pairs_of(points, np.random.default_rng(2), ((2, 3), (2, 4), (2, 5), (3, 4), (3, 5)))
+    assert estimate_layout(pairs, 6, {}).searched
+    monkeypatch.setattr(realizations, "WORK", 0)
+    assert not estimate_layout(pairs, 6, {}).searched
+
+
+def test_reflections_of_many_nodes_take_little_memory():
+    rng = np.random.default_rng(2)
+    points = in_shi_s_frame(rng.uniform(0.0, 30.0, (60, 2)))
+    pairs = pairs_of(
+        points, rng, {end for end in combinations(range(60), 2) if rng.random() < 0.75}
+    )
+    free = np.ones((60, 2), np.bool_)
+    free[0], free[1, 1] = False, False
+    tracemalloc.start()
+    starts = realizations.reflected_layouts(realizations.LayoutGraph(pairs, free, False), points)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(starts) == realizations.MAX_REFITTED_REFLECTIONS
+    assert most < 120e6

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from clt.cli.app import app
 from clt.core.errors import CltError
 from clt.core.recording import Ranges, Recording, Robot, Team
+from clt.initialization.motion import realizations
 from clt.initialization.motion.frame import survey_frames
 from clt.initialization.motion.motion import from_motion
 from clt.initialization.motion.static import MIRROR_UNDECIDED
@@ -121,3 +122,15 @@ def test_the_mirror_image_of_a_layout_has_the_mirrored_covariance() -> None:
         assert other.anchors[name] == pytest.approx(flip @ one.anchors[name])
         assert other.covariance[name] == pytest.approx(flip @ one.covariance[name] @ flip)
         assert abs(one.covariance[name][0, 1]) > 1e-9
+
+
+def test_nobody_is_sure_where_not_all_layouts_were_looked_for(monkeypatch) -> None:
+    monkeypatch.setattr(realizations, "WORK", 0)
+    recording = standing({}, ((2, 3),))
+    found = from_motion(recording, FilterSettings())
+    assert {robot.status for name, robot in found.robots.items() if name in {"R1", "R2"}} == {
+        "ambiguous"
+    }
+    assert found.robots["R1"].why == realizations.UNSEARCHED
+    begun = survey_frames(recording, 0, 0, [], FilterSettings())
+    assert (begun.frames, begun.why) == ((), realizations.UNSEARCHED)

@@ -6,6 +6,7 @@ import hashlib
 import json
 import shutil
 import sqlite3
+import tempfile
 import tracemalloc
 from io import BytesIO
 
@@ -16,8 +17,10 @@ from typer.testing import CliRunner
 
 from clt.cli.app import app
 from clt.core.errors import LogError
+from clt.log import unfinished
 from clt.log.cdr.schemas import ros2msg
 from clt.log.mcap.bag import find_bag
+from clt.log.mcap.opened import open_log_file
 from clt.log.mcap.packed import UnpackedFile
 from clt.log.recording.load import load
 from tests.importers.bags import SECOND
@@ -86,6 +89,22 @@ def test_every_storage_is_the_same_log(tmp_path, topics, streams):
     packed = load(file, streams)
     same(whole.recording, packed.recording)
     assert packed.sha256 == hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def test_an_unpacked_database_is_gone_at_the_end_and_at_a_signal(tmp_path, topics, monkeypatch):
+    (file,) = ros_bag(tmp_path / "bag", topics, compression="file").glob("*.zstd")
+    place = tmp_path / "temporary"
+    place.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(place))
+    (place / ".unpacked.clt-0123abcd.db3").write_bytes(b"of a process that was killed")
+    with open_log_file(file, lambda *_: True) as scanned:
+        assert sum(1 for _ in scanned) > 0
+        assert len(list(place.rglob("*.db3"))) == 1
+        unfinished.discard()  # as `clt.cli.entry.exit_on_signal` does
+        assert list(place.iterdir()) == []
+    with open_log_file(file, lambda *_: True):
+        pass
+    assert list(place.iterdir()) == []
 
 
 @pytest.mark.parametrize("mcap", [False, True])

@@ -546,6 +546,21 @@ def test_ids_beyond_all_robots_make_no_team(put):
     assert found(recording) == {"unknown": (2, True)}
 
 
+def test_names_without_end_leave_one_short_line(put):
+    stream = io.BytesIO()
+    writer = Writer(stream)
+    writer.start("p" * 5000)
+    number = writer.register_schema("9" * 5000, "ros2msg", b"uint64stamp")
+    channel = writer.register_channel(f"/{'R' * 3000}/odom", "cdr", number)
+    writer.add_message(channel, 1, bytes(8), 1)
+    writer.finish()
+    path = put(stream.getvalue())
+    with pytest.raises(LogError, match="is not a field") as caught:
+        load(path)
+    assert str(caught.value).startswith(f"{path}: /RRR")
+    assert len(str(caught.value)) < 600 + len(str(path))
+
+
 def test_packets_of_another_definition_are_refused(put):
     stream = io.BytesIO()
     writer = Writer(stream)

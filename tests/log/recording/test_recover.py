@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import random
+import re
 from collections import Counter
 from io import BytesIO
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from mcap.writer import Writer
+from mcap.writer import IndexType, Writer
 
 from clt.core.errors import CltError
 from clt.core.recording import Attachment, Poses, Ranges, Robot, Team
@@ -239,3 +240,46 @@ def test_an_index_whose_opcode_became_that_of_a_message_is_no_message(tmp_path):
         out, saved = salvaged(tmp_path, flipped)
         assert contents(out) == contents(data), at
         assert len(saved.faults) > 0, at
+
+
+def test_a_wrong_length_in_a_chunk_without_checksum_costs_a_message_or_two(tmp_path):
+    """With message indexes and without them; also several at once."""
+    for index in (IndexType.ALL, IndexType.NONE):
+        data = foreign(compression=NONE, chunk_size=9000, enable_crcs=False, index_types=index)
+        whole = contents(data)
+        heads = places(data, bytes([5]))
+        draw = random.Random(7)
+        for round_ in range(120):
+            flipped = bytearray(data)
+            several = draw.sample(heads, 1 + round_ % 4)
+            for at in several:
+                flipped[at + 1 + draw.choice((0, 0, 1, 2, 4, 7))] ^= 1 << draw.randrange(8)
+            out, saved = salvaged(tmp_path, bytes(flipped))
+            assert (whole - contents(out)).total() <= 2 * len(several), (index, round_)
+            assert any(fault.data_lost for fault in saved.faults), (index, round_)
+
+
+def test_garbage_in_a_chunk_without_checksum_is_passed_over(tmp_path):
+    data = foreign(compression=NONE, chunk_size=10**6, enable_crcs=False)
+    heads = places(data, bytes([5]))
+    flipped = bytearray(data)
+    flipped[heads[40] : heads[60]] = np.random.default_rng(1).bytes(heads[60] - heads[40])
+    out, saved = salvaged(tmp_path, bytes(flipped))
+    lost = (contents(data) - contents(out)).total()
+    assert 20 <= lost <= 22
+    assert any("inside of a chunk make no sense" in fault.text for fault in saved.faults)
+
+
+def test_a_message_that_became_another_record_in_a_chunk_is_a_fault(tmp_path):
+    data = bytearray(foreign(compression=NONE, chunk_size=3000, enable_crcs=False))
+    data[places(data, bytes([5]))[3]] ^= 0x10
+    out, saved = salvaged(tmp_path, bytes(data))
+    assert contents(out).total() == 199
+    assert [(fault.kind, fault.data_lost) for fault in saved.faults] == [("record", True)]
+
+
+def places(data, opcode):
+    """Where the messages of the first chunks of a log of `foreign` begin."""
+    size = len(range_message(0, 1, 2, 1.0)) + 22
+    head = opcode + size.to_bytes(8, "little")
+    return [match.start() for match in re.finditer(re.escape(head), bytes(data))]

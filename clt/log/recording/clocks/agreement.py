@@ -34,6 +34,8 @@ MAX_PACE_ERROR = 0.01
 """Times of recording that gain or lose more than this share on the stamps are no clock."""
 SMOOTHING_MESSAGES = 5
 """Messages whose median delay is looked at: single ones may be late."""
+DRAINED = 0.5
+"""Delays that fall by more than this and a quarter of the time are those of a queue, s."""
 MAX_CLOCK_SEGMENTS = 100
 """A stream whose delay steps more often is not recorded by a clock."""
 MAX_OFFSET_STEP_S = 9e9
@@ -212,8 +214,8 @@ def undo_recorder_steps(streams: Sequence[ClockStream], base: int) -> Sequence[C
     ).astype(np.int64)
     sets = [
         (log_time[i - 1] + (log_time[i] - log_time[i - 1]) // 2, size)
-        for i, size in zip(found.bounds[1:-1], sizes, strict=True)
-        if abs(int(stamp[i] - stamp[i - 1])) <= abs(int(log_time[i] - log_time[i - 1]))
+        for (i, j), size in zip(pairwise(found.bounds[1:]), sizes, strict=True)
+        if goes_on(stamp, log_time, i) and not drains(found.delay[i:j], stamp[i:j])
     ]
     return [
         replace(
@@ -226,17 +228,40 @@ def undo_recorder_steps(streams: Sequence[ClockStream], base: int) -> Sequence[C
 
 
 def cut_at_clock_steps(stream: ClockStream, base: int) -> list[ClockSegment] | None:
-    """A stream cut where its clock was set; None where it was not recorded by a clock."""
+    """A stream cut where its clock was set; None where it was not recorded by a clock.
+
+    Where times of recording step and stamps go on, nobody set it: messages waited for the network.
+    """
     found = cut_by_delay(stream, base)
     if found is None:
         return None
-    pieces = []
+    stamp, log_time = stream.stamp[found.order], stream.log_time[found.order]
+    pieces: list[ClockSegment] = []
     for (first, last), offset in zip(pairwise(found.bounds), found.offsets, strict=True):
         rows = found.order[first:last]
-        if not keeps_pace(found.delay[first:last], stream.log_time[rows]):
+        if first > 0 and goes_on(stamp, log_time, first):
+            before = pieces.pop()
+            which = np.concatenate([before.which, rows])
+            pieces.append(ClockSegment(stream, np.sort(which), min(before.offset, offset)))
+        elif keeps_pace(found.delay[first:last], stream.log_time[rows]):
+            pieces.append(ClockSegment(stream, np.sort(rows), offset))
+        else:
             return None
-        pieces.append(ClockSegment(stream, np.sort(rows), offset))
     return pieces
+
+
+def goes_on(stamp: Stamps, log_time: Stamps, row: int) -> bool:
+    """Whether it is not the stamps that step at a row."""
+    return abs(int(stamp[row] - stamp[row - 1])) <= abs(int(log_time[row] - log_time[row - 1]))
+
+
+def drains(delay: Floats, stamp: Stamps) -> bool:
+    """Whether messages come faster than they were stamped: a queue."""
+    half = delay.size // 2
+    if half == 0:
+        return False
+    gained = clock_offset(delay[:half]) - clock_offset(delay[half:])
+    return gained > max(DRAINED, 0.25e-9 * int(np.ptp(stamp)))
 
 
 def smooth_delay(delay: Floats) -> Floats:

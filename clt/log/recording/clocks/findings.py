@@ -23,6 +23,10 @@ LOG_TIME_REMEDY = '`stamp = "log_time"` in a streams file takes the times of rec
 SET_CLOCK_REMEDY = "set its clock and record again"
 SAME_STEP_NS = 10_000_000_000
 """Steps of several clocks within this time are one, ns."""
+ALIKE = 1_000_000_000
+"""Streams that are so nearly of one length may be of one time, ns."""
+AGE = 10**18
+"""Stamps so far apart, 30 years, are those of a clock that was never set, ns."""
 MAX_JUMPS = 100
 """Jumps beyond these are not looked at."""
 
@@ -112,21 +116,28 @@ def shifts_by_extent(recording: Recording, late: Mapping[str, float]) -> list[Cl
     ]
 
 
-def find_pauses(parts: Sequence[LogPart], remedy: str) -> list[ClockFinding]:
-    """Times without data of anybody; with other streams before than after it is their clocks.
+def find_pauses(
+    parts: Sequence[LogPart], recorded: frozenset[tuple[str, str]]
+) -> list[ClockFinding]:
+    """Times without data of anybody, or robots whose clocks are off by that long.
 
-    `remedy` mends those.
+    The latter where there are other streams before than after it, of the same length or an age
+    apart. Robots may drive one after another, so what the recorder's clock agrees with is a pause:
+    `recorded` holds role and robot of the streams whose times of recording are not their stamps.
     """
     found: list[ClockFinding] = []
     for number in sorted({part.group for part in parts}):
         own = sorted((p for p in parts if p.group == number), key=lambda part: part.begin)
         for before, after in pairwise(own):
-            if before.streams.isdisjoint(after.streams):
+            seen = not (recorded.isdisjoint(before.streams) or recorded.isdisjoint(after.streams))
+            if not seen and before.streams.isdisjoint(after.streams) and off(before, after):
                 odd, other = sorted((before, after), key=lambda part: part.worth)
                 size = (odd.begin - other.begin) * 1e-9
                 text = f"{offset_text(size)}, which have none at that time"
                 names = tuple(sorted({robot for _, robot in odd.streams}))
-                found.append(ClockFinding(CLOCK_OFF, names, odd.begin, size, text, remedy))
+                found.append(
+                    ClockFinding(CLOCK_OFF, names, odd.begin, size, text, SET_CLOCK_REMEDY)
+                )
             else:
                 size = (after.begin - before.end) * 1e-9
                 text = (
@@ -135,6 +146,12 @@ def find_pauses(parts: Sequence[LogPart], remedy: str) -> list[ClockFinding]:
                 )
                 found.append(ClockFinding(DATA_PAUSE, (), before.end, size, text))
     return found
+
+
+def off(one: LogPart, other: LogPart) -> bool:
+    """Whether two parts may be of the same time, or no log lasts from one to the other."""
+    lengths = (one.end - one.begin) - (other.end - other.begin)
+    return abs(lengths) <= ALIKE or abs(one.begin - other.begin) >= AGE
 
 
 def offset_text(size: float) -> str:

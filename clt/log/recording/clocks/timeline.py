@@ -6,6 +6,7 @@ used.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,8 +23,6 @@ from clt.log.recording.clocks.agreement import (
 )
 from clt.log.recording.clocks.extents import shifted_clocks
 from clt.log.recording.clocks.findings import (
-    LOG_TIME_REMEDY,
-    SET_CLOCK_REMEDY,
     ClockFinding,
     find_jumps,
     find_pauses,
@@ -122,15 +121,25 @@ def build_timeline(recording: Recording, late: dict[str, float]) -> Timeline | N
         *find_jumps(pieces, group),
         *find_shifts(pieces, group, parts[0]),
         *shifts_by_extent(recording, late),
-        *find_pauses(
-            parts, SET_CLOCK_REMEDY if all(map(log_time_is_stamp, pieces)) else LOG_TIME_REMEDY
-        ),
+        *find_pauses(parts, recorded(pieces)),
     ]
     if len(found) == 0:
         return None
     start = first_stamp(recording)
     alone = late if len(late) < len(recording.odometry) else {}
     return Timeline(start or 0, tuple(parts), tuple(found), tuple(pieces), group, frozenset(alone))
+
+
+def recorded(pieces: Sequence[ClockSegment]) -> frozenset[tuple[str, str]]:
+    """Role and robot of the streams that the recorder's clock stamped, too.
+
+    None where times of recording say nothing: then all offsets are 0.
+    """
+    if all(piece.offset == 0.0 for piece in pieces):
+        return frozenset()
+    return frozenset(
+        (piece.stream.role, piece.stream.robot) for piece in pieces if not log_time_is_stamp(piece)
+    )
 
 
 def first_stamp(recording: Recording) -> int | None:

@@ -136,7 +136,7 @@ def _robot_lines(
     if track is not None and max(_spread(track)) > MAX_STATIC_SPREAD:
         yield _line("# odometry = ", "none found, though its truth moves")
         return
-    yield _line("static = true", "no odometry found: it stands still?")
+    yield _line("static = true", "no odometry found, so it is taken to stand still")
     place, why = "[0.0, 0.0]", "m, if it is known"
     if track is not None and len(track.x) > 0:
         x, y = float(track.x[0]), float(track.y[0])
@@ -197,8 +197,9 @@ def _range_tables(groups: RangeGroups) -> Iterator[str]:
         if len(one.ends) == 2 or kind == CLT_RANGE_TYPE:
             yield "\n[[ranges]]\n" + "".join(lines) + CALIBRATION_COMMENT
         else:
-            open_ = ["[[ranges]]\n", *lines, 'source = "?"\n', 'target = "?"\n']
-            yield "\n# Between which robots?\n" + "".join(f"# {line}" for line in open_)
+            open_ = ["[[ranges]]\n", *lines, 'source = ""\n', 'target = ""\n']
+            head = "\n# The topic does not name both ends: fill in the robots and uncomment.\n"
+            yield head + "".join(f"# {line}" for line in open_)
 
 
 def _shape(one: TopicGuess) -> str | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from clt.core.errors import LogError
+from clt.core.printable import printable_name as shown
 from clt.core.recording import Fault, Poses
 from clt.log.faults import Faults
 from clt.log.recording import convert
@@ -43,7 +44,8 @@ def draft_streams(path: Path) -> StreamsDraft:
     guesses = guess_topics(log.topics)
     robots = guessed_robots(guesses)
     if len(robots) == 0:
-        kinds = ", ".join(sorted({topic.type for topic in log.topics.values() if topic.count > 0}))
+        known = sorted({topic.type for topic in log.topics.values() if topic.count > 0})
+        kinds = shown(", ".join(known), 1000)
         raise LogError(
             f"{log.name}: no topic looks like odometry, ranges or truth of a robot; types: {kinds}"
         )

@@ -25,6 +25,11 @@ def check_placeholders(pattern: str, allowed: Collection[str]) -> None:
         raise ValueError(f"`{pattern}`: each of {known} may stand there once")
 
 
+def fits(pattern: str, topic: str) -> bool:
+    """Whether a topic has the shape of a pattern."""
+    return compile_topic_pattern(pattern).fullmatch(topic) is not None
+
+
 def compile_topic_pattern(
     pattern: str, words: Mapping[str, Collection[str]] | None = None
 ) -> re.Pattern[str]:

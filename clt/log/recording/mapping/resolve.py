@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Sequence
 from clt.core.errors import UsageError
 from clt.core.settings import did_you_mean
 from clt.log.faults import Faults
-from clt.log.recording.mapping.patterns import compile_topic_pattern
+from clt.log.recording.mapping.patterns import compile_topic_pattern, fits
 from clt.log.recording.mapping.streamsfile import RangeStreams, RobotStreams, StreamsFile
 from clt.log.recording.metadata import ROBOT_NAME_PATTERN
 from clt.log.recording.roles import natural_key
@@ -27,9 +27,7 @@ def resolve_streams(
     for topic in sorted(streams.topics):
         if "{" not in topic and topic not in topics:
             raise UsageError(f"{place} has no topic `{topic}`{did_you_mean(topic, topics)}")
-        if "{" in topic and not any(
-            compile_topic_pattern(topic).fullmatch(other) for other in topics
-        ):
+        if "{" in topic and not any(fits(topic, other) for other in topics):
             raise UsageError(f"{place} has no topic like `{topic}`{did_you_mean(topic, topics)}")
     ordered = sorted(topics, key=natural_key)
     robots = _truth(streams, _odometry(streams, ordered), ordered, faults)

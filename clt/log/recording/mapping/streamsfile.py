@@ -10,11 +10,7 @@ from pydantic import Field, field_validator, model_validator
 from clt.core.document import Document
 from clt.core.recording import WORLD_FRAME, TwistSampling
 from clt.core.settings import Settings, parse_settings, read_toml
-from clt.log.recording.mapping.patterns import (
-    check_placeholders,
-    compile_topic_pattern,
-    placeholders,
-)
+from clt.log.recording.mapping.patterns import check_placeholders, placeholders
 from clt.log.recording.metadata import ROBOT_NAME_PATTERN
 
 StampSource = Literal["header", "log_time"]
@@ -158,14 +154,6 @@ class StreamsFile(Settings):
         named += [entry.topic for entry in self.ranges]
         named += [self.odometry, self.ground_truth]
         return frozenset(topic for topic in named if topic is not None)
-
-    def wants(self, topic: str) -> bool:
-        """Whether the file speaks of a topic."""
-        return topic in self.topics or any(
-            compile_topic_pattern(text).fullmatch(topic) is not None
-            for text in self.topics
-            if "{" in text
-        )
 
 
 def read_streams_file(source: Path | Document) -> StreamsFile:

@@ -317,3 +317,53 @@ def test_any_columns_make_parts_or_nothing(plain, seed):
                 assert all(np.all(np.diff(table.stamp) >= 0) for table in tables)
                 assert sum(table.stamp.size for table in tables) <= part.messages
             assert len(timeline_faults(timeline, "x")) <= 3 * 4
+
+
+def in_turn(recording, until, pause):
+    """R1 drives until `until` s and measures, then after a `pause` (s) R2 does."""
+    first, second = (recording.team.index(name) for name in ("R1", "R2"))
+    one = rows(recording.odometry["R1"], recording.odometry["R1"].stamp < NOW + until * SECOND)
+    other = moved(recording.odometry["R2"], pause * SECOND, pause * SECOND)
+    table = recording.ranges
+    early = rows(table, (table.source == first) & (table.stamp < NOW + until * SECOND))
+    late = moved(rows(table, table.source == second), pause * SECOND, pause * SECOND)
+    both = {
+        field.name: np.concatenate([getattr(early, field.name), getattr(late, field.name)])
+        for field in fields(table)
+    }
+    odometry = {"R1": one, "R2": other}
+    return replace(recording, odometry=odometry, ranges=replace(table, **both), truth={})
+
+
+@pytest.mark.parametrize("until", [8, 19, 30])
+def test_robots_that_drive_one_after_another_make_a_pause(plain, networked, until):
+    """By the recorder's clock always; without it where they did not drive equally long."""
+    assert kinds(in_turn(networked, until, 60)) == [("pause", ())]
+    equal = until == 30
+    expected = ("clock_off", ("R2",)) if equal else ("pause", ())
+    assert kinds(in_turn(plain, until, 60)) == [expected]
+
+
+def test_a_clock_that_was_never_set_is_off_however_long_its_robot_drove(plain):
+    assert kinds(in_turn(plain, 8, -1_700_000_000)) == [("clock_off", ("R1",))]
+
+
+@pytest.mark.parametrize(
+    ("which", "rate"),
+    [
+        *((which, rate) for which in ("one", "all odometry") for rate in (0, 20, 200)),
+        *(("all", rate) for rate in (0, 200)),  # at 20 a recorder's clock may have been set
+    ],
+)
+def test_a_queue_that_comes_after_the_end_is_no_jump(networked, which, rate):
+    """Some streams are held back from some time on and come at the end, at once or one by one."""
+    for since in np.arange(8.0, 19.9, 1.7):
+
+        def queue(name, one, since=since):
+            held = one.stamp - NOW > since * SECOND
+            if which != "all":
+                held &= isinstance(one, Odometry) and (name == "R2" or which != "one")
+            flush = NOW + 21 * SECOND + (np.cumsum(held) * SECOND // rate if rate > 0 else 0)
+            return replace(one, log_time=np.where(held, flush, one.log_time))
+
+        assert find_timeline(every_table(networked, queue)) is None, since

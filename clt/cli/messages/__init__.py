@@ -1,0 +1,1 @@
+"""The words for every diagnostic: the only place where what algorithms found becomes English."""
