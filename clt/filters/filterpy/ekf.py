@@ -38,7 +38,7 @@ from clt.model.state_space import WORLD_REFERENCE
 from clt.model.unicycle import SHI_NOISE
 
 
-class TeamEkf(ExtendedKalmanFilter):  # type: ignore[misc]
+class TeamEkf(ExtendedKalmanFilter):  # type: ignore[misc]  # untyped library
     """filterpy's EKF with the team's motion as its prediction of the mean."""
 
     def __init__(self, problem: Problem, settings: FilterSettings, *, hold: bool) -> None:

@@ -63,7 +63,7 @@ def move_sigma_point(x: Floats, dt: float, space: StateSpace, pieces: list[Motio
     return moved_state(x, space, pieces)
 
 
-class TeamUkf(UnscentedKalmanFilter):  # type: ignore[misc]
+class TeamUkf(UnscentedKalmanFilter):  # type: ignore[misc]  # untyped library
     """filterpy's UKF of a team."""
 
     def __init__(self, problem: Problem, settings: FilterSettings, *, hold: bool) -> None:

@@ -246,9 +246,9 @@ def eskf_kernel(
 
     Ranges of one stamp are fused together, before the outputs of that stamp.
     """
-    M, O = ranges.stamp.size, outputs.stamp.size  # noqa: E741
+    M, O = ranges.stamp.size, outputs.stamp.size  # noqa: E741 - m of M, o of O
     # A literal 0 would compile all that is called with it once more.
-    m: int = np.int64(0)  # type: ignore[assignment]
+    m: int = np.int64(0)  # type: ignore[assignment]  # numpy's integer
     o, now, turns, hold = m, start, m, free.active != 0
     while m < M or o < O:
         now = outputs.stamp[o] if o < O else ranges.stamp[m]
