@@ -57,6 +57,16 @@ def run(*words, names=()):
     return found
 
 
+def test_start_up_looks_for_no_cycles_and_no_plugins():
+    text = (
+        "import gc, os, sys; sys.argv = ['clt', 'settings', '-q']\nfrom clt.cli.entry import main\n"
+    )
+    text += "try:\n    main()\nfinally:\n    print(gc.get_stats()[0]['collections'] < 30,"
+    text += " os.environ['PYDANTIC_DISABLE_PLUGINS'])"
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=False)
+    assert done.stdout.splitlines()[-1] == "True __all__"
+
+
 def test_localize_from_a_given_start_imports_no_numba_scipy_or_other_filter(log, result):
     names = (*NEVER, *NUMBA, *TEXT, "clt.filters.mixture.mixture", "clt.calibration.apply")
     words = ("localize", str(log), "--init", "truth", "-q", "--force", "-o", str(result))
