@@ -1,0 +1,1 @@
+"""Device streams: how bytes arrive, what they mean, what is kept of them."""

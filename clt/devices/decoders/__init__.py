@@ -1,0 +1,1 @@
+"""What the bytes of a device mean: one decoder per file, its encoder beside it."""
