@@ -21,8 +21,8 @@ from clt.filters.filterpy import engine
 from clt.filters.kalman import eskf, gaussian
 from clt.model.belief import Belief, belief_block_moments, is_valid_covariance, state_mean_and_sigma
 from clt.model.choices import FrameSpec
-from clt.model.inputs import RangeTable
 from clt.model.problem import WORLD_FRAME_SPEC, Problem, build_problem
+from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings
 from clt.model.solution import Filter, Solution
 from clt.model.state_space import ODOMETRY_ERROR_STATES, WORLD_REFERENCE

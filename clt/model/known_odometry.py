@@ -12,17 +12,15 @@ import numpy as np
 
 from clt.core.recording import Floats, Indices, Odometry, Robot, Stamps
 from clt.model.arrivals import MAX_EPOCH_STEP_NS, ArrivalOrder, arrival_order
-from clt.model.inputs import (
+from clt.model.noise import odometry_sigmas, twist_variance
+from clt.model.odometry_gaps import (
     GAP_CORRELATION_S,
-    TwistSegments,
     gap_limit,
     gap_twist_variance,
-    interval_twist,
-    odometry_sigmas,
     structure_function,
-    twist_variance,
 )
 from clt.model.settings import NoiseSettings
+from clt.model.twist_segments import TwistSegments, interval_twist
 
 STATISTICS_WINDOW_NS = 5_000_000_000
 """Odometry of the last so many ns tells how that of a robot comes and varies ..."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from clt.core.recording import Floats, Odometry, Robot
 from clt.core.start import median_period
-from clt.model.inputs import first_known
+from clt.model.noise import first_known
 from clt.model.settings import NoiseSettings
 
 MOTION_WINDOW_S, MIN_WINDOW_SAMPLES = 1.0, 5

@@ -21,17 +21,11 @@ from clt.core.settings import did_you_mean
 from clt.core.start import InitialPose, Start
 from clt.model.belief import Belief, Prior, belief_from_prior, make_prior
 from clt.model.choices import FrameSpec
-from clt.model.inputs import (
-    Outputs,
-    RangeTable,
-    TwistSegments,
-    join_segments,
-    no_segments,
-    range_table,
-    robot_segments,
-)
+from clt.model.filter_inputs import FilterInputs, Outputs, schedule_events
+from clt.model.range_table import RangeTable, range_table
 from clt.model.settings import FilterSettings
 from clt.model.state_space import WORLD_REFERENCE, StateSpace, make_state_space
+from clt.model.twist_segments import TwistSegments, join_segments, no_segments, robot_segments
 from clt.model.unused import EARLY_END_NS, idle_static_robots, is_uncertain, unused_ranges
 
 BASE_LINK_SUFFIX = "/base_link"
@@ -76,6 +70,20 @@ class Problem:
     """Counts the runs that go on from one another; what draws at random adds it to its seed."""
     memory: object = None
     """What the earlier run of the same filter kept beside its belief (`Solution.memory`)."""
+
+    @property
+    def inputs(self) -> FilterInputs:
+        """What a filter reads, its events in order."""
+        return FilterInputs(
+            self.space,
+            self.lever,
+            self.segments,
+            self.ranges,
+            self.outputs,
+            schedule_events(self.ranges, self.outputs),
+            self.start,
+            self.end,
+        )
 
     @property
     def mean(self) -> Floats:

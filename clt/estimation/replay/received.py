@@ -37,8 +37,8 @@ from clt.filters.kalman.free import use_first_estimates
 from clt.filters.kalman.gaussian import solve_ekf
 from clt.model.arrivals import arrival_order, inflate_by_arrived_ranges, replay_epochs
 from clt.model.choices import FrameSpec
-from clt.model.inputs import RangeTable, range_correlation_time
 from clt.model.known_odometry import OdometryInput, make_odometry_input
+from clt.model.noise import range_correlation_time
 from clt.model.problem import (
     WORLD_FRAME_SPEC,
     Problem,
@@ -46,6 +46,7 @@ from clt.model.problem import (
     choose_states,
     range_measurements,
 )
+from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings, NoiseSettings
 from clt.model.state_space import WORLD_REFERENCE
 

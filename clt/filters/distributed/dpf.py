@@ -35,7 +35,7 @@ from clt.filters.distributed.team import (
     unreachable_seconds,
 )
 from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
-from clt.model.inputs import Outputs
+from clt.model.filter_inputs import Outputs
 from clt.model.problem import Problem
 from clt.model.settings import FilterSettings
 from clt.model.solution import Solution

@@ -12,15 +12,10 @@ from clt.core.errors import CltError
 from clt.core.recording import Floats, Poses, Ranges, Recording, Robot, Stamps
 from clt.core.start import median_period
 from clt.initialization.given.recorded import recorded_poses
-from clt.model.inputs import (
-    DEFAULT_SIGMA_OMEGA,
-    DEFAULT_SIGMA_V,
-    RangeTable,
-    first_known,
-    range_table,
-    robot_segments,
-)
+from clt.model.noise import DEFAULT_SIGMA_OMEGA, DEFAULT_SIGMA_V, first_known
+from clt.model.range_table import RangeTable, range_table
 from clt.model.settings import NoiseSettings
+from clt.model.twist_segments import robot_segments
 from clt.observability.windows.track import RestingTrack, resting_track
 
 MIN_PERIOD_S = 1e-3
