@@ -33,6 +33,8 @@ EXTERNAL_SYMBOLS = {
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "hypot", "floor", "ceil"),
 }
 """What a kernel may call that is not its own: C's, and with numpy in every process."""
+HELPER_PREFIX = "numba_"
+"""Begins the names of what numba's own C library holds: its random numbers."""
 WORDS: dict[str, tuple[Any, str]] = {
     "p": (ctypes.c_void_p, "ptr"),
     "i": (ctypes.c_int64, "i64"),
@@ -54,6 +56,8 @@ class Code(NamedTuple):
     """Letter."""
     letters: str
     """Of the words of all arguments."""
+    helpers: str
+    """What it calls of numba's C library, comma separated: such code needs numba imported."""
     code: bytes
 
 
@@ -192,21 +196,19 @@ def _read(path: Path) -> Code | None:
         data = path.read_bytes()
     except OSError:
         return None
-    parts = data[DIGEST_BYTES:].split(b"\0", 3)
+    parts = data[DIGEST_BYTES:].split(b"\0", len(Code._fields) - 1)
     if (
         len(parts) != len(Code._fields)
         or hashlib.sha256(data[DIGEST_BYTES:]).digest() != data[:DIGEST_BYTES]
     ):
         return None
-    symbol, returned, letters, code = parts
-    return Code(symbol.decode(), returned.decode(), letters.decode(), code)
+    symbol, returned, letters, helpers = (part.decode() for part in parts[:-1])
+    return Code(symbol, returned, letters, helpers, parts[-1])
 
 
 def _write(path: Path, code: Code) -> None:
     """Keep machine code; a process that reads meanwhile finds all of it or nothing."""
-    data = b"\0".join(
-        [code.symbol.encode(), code.returned.encode(), code.letters.encode(), code[3]]
-    )
+    data = b"\0".join([*(text.encode() for text in code[:-1]), code.code])
     part = path.with_suffix(f".{os.getpid()}.part")
     try:
         part.write_bytes(hashlib.sha256(data).digest() + data)
@@ -223,7 +225,7 @@ def _compile(function: Callable[..., object], arguments: tuple[Any, ...]) -> Cod
     except MemoryError:
         raise
     except Exception:  # noqa: BLE001 - another numba, or one who says what is wrong with a kernel
-        return Code("", "", "", b"")
+        return Code("", "", "", "", b"")
 
 
 def _compiled(numba: Any, function: Callable[..., object], arguments: tuple[Any, ...]) -> Code:
@@ -240,13 +242,22 @@ def _compiled(numba: Any, function: Callable[..., object], arguments: tuple[Any,
         each.name: each for each in binding.parse_assembly(made.library.get_llvm_str()).functions
     }
     foreign = {name for name, each in functions.items() if each.is_declaration} - EXTERNAL_SYMBOLS
-    if any(not name.startswith("llvm.") for name in foreign):
-        raise ValueError(f"{function.__name__} calls {foreign}")
+    foreign = {name for name in foreign if not name.startswith("llvm.")}
+    helpers = foreign & _helpers().keys()
+    if foreign != helpers:
+        raise ValueError(f"{function.__name__} calls {foreign - helpers}")
     letters = _letters(arguments)
     wanted = ["ptr", "ptr", *(WORDS[letter][1] for letter in letters)]
     if str(functions[symbol].global_value_type) != f"i32 ({', '.join(wanted)})":
         raise ValueError(f"{function.__name__} is called differently")
-    return Code(symbol, returned, letters, made.library.serialize_using_object_code()[2][0])
+    code = made.library.serialize_using_object_code()[2][0]
+    return Code(symbol, returned, letters, ",".join(sorted(helpers)), code)
+
+
+def _helpers() -> dict[str, int]:
+    """Addresses in numba's C library by the names that its code calls. Imports numba."""
+    library: Any = import_module("numba._helperlib")
+    return {f"{HELPER_PREFIX}{name}": address for name, address in library.c_helpers.items()}
 
 
 def _link(code: Code) -> Linked | None:
@@ -255,6 +266,11 @@ def _link(code: Code) -> Linked | None:
         return None
     from llvmlite import binding  # noqa: PLC0415 - only those who run kernels need it
 
+    addresses = _helpers() if code.helpers != "" else {}
+    for name in filter(None, code.helpers.split(",")):
+        if name not in addresses:
+            return None
+        binding.add_symbol(name, addresses[name])
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
     target = binding.Target.from_default_triple().create_target_machine(jit=True)
