@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clt.jit.watching import compiling
 
@@ -31,6 +32,7 @@ SUCCESS_STATUSES = {0, -2}
 EXTERNAL_SYMBOLS = {
     *("memset", "memcpy", "memmove", "sqrt", "exp", "expm1", "log", "log1p", "pow", "fmod"),
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "hypot", "floor", "ceil"),
+    "erf",
 }
 """What a kernel may call that is not its own: C's, and with numpy in every process."""
 HELPER_PREFIX = "numba_"
@@ -44,6 +46,8 @@ WORDS: dict[str, tuple[Any, str]] = {
 """Machine words by letter: what ctypes and LLVM call them."""
 RETURNED = {"none": "p", "int64": "i", "float64": "d", "bool": "b"}
 """Letters of what a kernel may return, by numba's names."""
+C_CONTIGUOUS, F_CONTIGUOUS, ALIGNED, WRITEABLE = 0x1, 0x2, 0x100, 0x400
+"""Flags of arrays, as numpy's C interface numbers them."""
 DIGEST_BYTES = hashlib.sha256().digest_size
 
 
@@ -94,12 +98,11 @@ def flat(arguments: tuple[Any, ...]) -> tuple[str, list[Any]] | None:
 def _flatten(arguments: tuple[Any, ...], kinds: list[str], words: list[Any]) -> bool:
     for argument in arguments:
         if isinstance(argument, np.ndarray):
-            flags, shape = argument.flags, argument.shape
-            order = "C" if flags.c_contiguous else "F" if flags.f_contiguous else "A"
-            bare = "" if flags.writeable and flags.aligned else f"{flags.writeable}{flags.aligned}"
-            kinds.append(f"{argument.dtype.str}{len(shape)}{order}{bare};")
-            data = argument.ctypes.data
-            words += 0, 0, argument.size, argument.itemsize, data, *shape, *argument.strides
+            shape, flags = argument.shape, argument.flags
+            kinds.append(_array_kind(argument.dtype, len(shape), flags.num))
+            words += 0, 0, argument.size, argument.itemsize, _address(argument)
+            words += shape
+            words += argument.strides
         elif isinstance(argument, tuple):
             kinds.append(f"{type(argument).__name__}(")
             if not _flatten(argument, kinds, words):
@@ -120,6 +123,20 @@ def _flatten(arguments: tuple[Any, ...], kinds: list[str], words: list[Any]) -> 
         else:
             return False
     return True
+
+
+@cache
+def _array_kind(dtype: np.dtype[Any], dimensions: int, flags: int) -> str:
+    """What machine code depends on of an array; `flags` are numpy's numbers."""
+    order = "C" if flags & C_CONTIGUOUS else "F" if flags & F_CONTIGUOUS else "A"
+    usual = flags & WRITEABLE and flags & ALIGNED
+    return f"{dtype.str}{dimensions}{order}{'' if usual else flags & (WRITEABLE | ALIGNED)};"
+
+
+def _address(array: NDArray[Any]) -> int:
+    """Where the numbers of an array lie: `array.ctypes.data`, which takes ten times as long."""
+    address: int = ctypes.c_void_p.from_address(id(array) + object.__basicsize__).value or 0
+    return address
 
 
 def _letters(arguments: tuple[Any, ...]) -> str:
