@@ -25,6 +25,7 @@ def print_formats(wanted: bool) -> None:
 
 
 def import_log(
+    *,
     form: Annotated[str, typer.Argument(metavar="FORMAT", help="See --list.")],
     paths: Annotated[list[Path], typer.Argument(metavar="PATH...", help="What to import.")],
     output: OutputOption,

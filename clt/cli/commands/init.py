@@ -35,6 +35,7 @@ WIDENED_SIGMA_COMMENT = """\
 
 
 def init(
+    *,
     log: LogArgument,
     method: Annotated[
         str,

@@ -32,6 +32,7 @@ LOCALIZE_ROLES = frozenset({"odometry", "ranges", "frames", "truth"})
 
 
 def localize(
+    *,
     log: LogArgument,
     output: OutputOption,
     filter_: Annotated[

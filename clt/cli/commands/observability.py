@@ -27,6 +27,7 @@ OBSERVABILITY_ROLES = frozenset(
 
 
 def observability(
+    *,
     log: Annotated[
         Path | None,
         typer.Argument(help="An MCAP log, or none; `-` is standard input.", metavar="[LOG]"),

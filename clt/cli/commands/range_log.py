@@ -20,6 +20,7 @@ RANGE_LOG_ROLES = frozenset({"odometry", "frames", "truth"})
 
 
 def range_log(
+    *,
     log: LogArgument,
     output: OutputOption,
     method: Annotated[

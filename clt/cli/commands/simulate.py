@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 
 def simulate(
+    *,
     source: Annotated[
         str | None,
         typer.Argument(metavar="SCENARIO", help="A built-in name (see --list) or a TOML file."),

@@ -24,7 +24,6 @@ from clt.estimation.estimators import (
     Estimator,
     make_posterior,
     overconfident,
-    trajectories_by_robot,
 )
 from clt.estimation.posterior import Posterior, add_diagnostics
 from clt.estimation.replay.fixed_lag import (
@@ -33,6 +32,7 @@ from clt.estimation.replay.fixed_lag import (
     outputs_at_times,
     solve_fixed_lag,
 )
+from clt.estimation.trajectories import trajectories_by_robot
 from clt.filters.kalman.free import use_first_estimates
 from clt.filters.kalman.gaussian import solve_ekf
 from clt.model.arrivals import arrival_order, inflate_by_arrived_ranges, replay_epochs
