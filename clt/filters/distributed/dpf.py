@@ -21,10 +21,10 @@ from clt.filters.distributed.consensus import (
     connected_groups,
     traffic_by_robot,
 )
+from clt.filters.distributed.member import DistributedMember
 from clt.filters.distributed.points import INDEX_BYTES, ParticleMember, draw_copies
 from clt.filters.distributed.rounds import ranges_at_round_end, select_ranges
 from clt.filters.distributed.team import (
-    DistributedMember,
     DistributedTeam,
     apply_outages,
     assemble_team,
