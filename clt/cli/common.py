@@ -18,7 +18,7 @@ ESTIMATION_ROLES = frozenset({"odometry", "ranges", "frames", "truth"})
 """Roles of topics that an estimate needs."""
 
 
-def read_log(
+def read_for_estimate(
     log: Path, inputs: Inputs, period: Period, console: Console
 ) -> tuple[LoadedLog, Recording]:
     """A log as it is, and what of it an estimate is made from: ranged and calibrated."""

@@ -10,7 +10,7 @@ import typer
 from clt.cli.common import (
     check_choice,
     read_filter_settings,
-    read_log,
+    read_for_estimate,
     refuse_two_outputs,
     require_data,
 )
@@ -96,7 +96,7 @@ def init(
     # Slow to import: what stands above is refused at once.
     from clt.cli.initial import find_initial_poses
 
-    _, recording = read_log(log, inputs, period, console)
+    _, recording = read_for_estimate(log, inputs, period, console)
     team = recording.team
     standing = len(team.moving) == 0 and len(team.static) > 0
     require_data(recording, str(log), standing=standing)

@@ -10,7 +10,7 @@ import typer
 from clt.cli.common import (
     check_choice,
     read_filter_settings,
-    read_log,
+    read_for_estimate,
     refuse_two_outputs,
     require_data,
 )
@@ -123,7 +123,7 @@ def localize(
 
     estimator = Estimator(chosen, view, engine)
     clock = [(perf_counter(), console.compile_s)]
-    loaded, recording = read_log(log, inputs, period, console)
+    loaded, recording = read_for_estimate(log, inputs, period, console)
     settings = read_filter_settings(inputs["config"], sets, recording.team.communication)
     require_data(recording, str(log))
     require_frame_robots(estimator.view, recording.team.names)

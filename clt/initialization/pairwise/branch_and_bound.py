@@ -106,7 +106,7 @@ class CellSearch(NamedTuple):
     """The least cost that least squares found."""
 
 
-class SearchMemory(NamedTuple):
+class SearchWorkspace(NamedTuple):
     """Memory of a search."""
 
     coarse: Floats
@@ -123,9 +123,9 @@ class SearchMemory(NamedTuple):
     """Those of `CellSearch` but for the cells, (3,)."""
 
 
-def make_search_memory(cells: int) -> SearchMemory:
+def make_search_workspace(cells: int) -> SearchWorkspace:
     """Memory for so many cells."""
-    return SearchMemory(
+    return SearchWorkspace(
         np.empty((COARSE_CELLS * COARSE_CELLS, CELL_BEGIN_FIELDS)),
         np.empty(COARSE_CELLS * COARSE_CELLS),
         np.empty((DESCENT_TRIALS, 4)),
@@ -141,7 +141,7 @@ def search_cells(pair: PairRanges, few: PairRanges, turns: bool, enough: float) 
     `few` is the pair with some of its ranges only. Without `turns` phi stays 0: robot j is static
     and has no heading that could be found.
     """
-    memory = make_search_memory(MAX_CELLS)
+    memory = make_search_workspace(MAX_CELLS)
     count = branch_and_bound(
         pair, few, turns, enough, make_bound_workspace(pair), make_bound_workspace(few), memory
     )
@@ -157,7 +157,7 @@ def branch_and_bound(
     enough: float,
     work: BoundWorkspace,
     work_few: BoundWorkspace,
-    memory: SearchMemory,
+    memory: SearchWorkspace,
 ) -> int:
     """The search: fills `memory`; how many of its cells `done` are filled."""
     result, coarse = memory.result, memory.coarse
@@ -180,7 +180,7 @@ def branch_and_bound(
 
 @compiled_noalloc
 def best_descent_cost(
-    pair: PairRanges, few: PairRanges, turns: bool, work: CostWorkspace, memory: SearchMemory
+    pair: PairRanges, few: PairRanges, turns: bool, work: CostWorkspace, memory: SearchWorkspace
 ) -> float:
     """The least cost that least squares find from all around; its `evaluate_cost` is in `work`."""
     descend(pair, few, turns, work, memory)
@@ -200,14 +200,14 @@ def descend_from_all_sides(
 
     Cost, theta, phi (rad) and distance (m) of each: (DESCENT_TRIALS, 4).
     """
-    memory = make_search_memory(0)
+    memory = make_search_workspace(0)
     descend(pair, few, turns, work, memory)
     return memory.minima
 
 
 @compiled_noalloc
 def descend(
-    pair: PairRanges, few: PairRanges, turns: bool, work: CostWorkspace, memory: SearchMemory
+    pair: PairRanges, few: PairRanges, turns: bool, work: CostWorkspace, memory: SearchWorkspace
 ) -> None:
     """Fill `memory.minima` as `descend_from_all_sides` says."""
     coarse, cost, minima, out = memory.coarse, memory.cost, memory.minima, work.out
@@ -256,7 +256,7 @@ def bound_cell(pair: PairRanges, work: BoundWorkspace, cell: Floats, most: float
 
 @compiled_noalloc
 def subdivide(
-    pair: PairRanges, work: BoundWorkspace, waiting: int, most: float, memory: SearchMemory
+    pair: PairRanges, work: BoundWorkspace, waiting: int, most: float, memory: SearchWorkspace
 ) -> int:
     """Halve the cells waiting in `memory.queue` until the cost hardly changes within.
 
