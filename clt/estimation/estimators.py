@@ -61,7 +61,7 @@ FILTERS_WITHOUT_SEARCH: dict[str, Filter] = {
 }
 """Filters of one Gaussian, without their search for lost robots."""
 MULTI_HYPOTHESIS_FILTERS = frozenset({"mixture", "pf", "dpf"})
-"""Filters that follow every hypothesis of a start, and tell which of them was true."""
+"""Filters that follow every hypothesis of a start, and find which of them was true."""
 
 
 @dataclass(frozen=True)
