@@ -20,12 +20,11 @@ from clt.core.recording import Floats, Indices, Stamps
 from clt.filters.kalman import updates
 from clt.filters.kalman.free import (
     UnobservableDirections,
-    add_turn_curvature,
-    find_turn_variance,
     find_unobservable,
     inactive_directions,
     replace_unobservable,
 )
+from clt.filters.kalman.turn_curvature import add_turn_curvature
 from clt.filters.kalman.updates import UpdateWorkspace
 from clt.jit.compiled import compiled_noalloc, inlined
 from clt.model.covariance_propagation import propagate_blocks
@@ -224,18 +223,6 @@ def write_pose_output(
 
 
 @compiled_noalloc
-def add_output_curvature(
-    state: EskfState, space: StateSpace, segments: TwistSegments, ranges: RangeTable, m: int,
-    outputs: Outputs,
-    o: int, free: UnobservableDirections, run: KalmanOutput,
-) -> None:  # fmt: skip
-    """Add to output o that a wide turn leads along a circle; found with the first of an instant."""
-    if o == 0 or outputs.stamp[o - 1] != outputs.stamp[o]:
-        find_turn_variance(state.x, state.P, space, ranges, m, segments, state.cursor, free)
-    add_turn_curvature(state.x, space, outputs.robot[o], free, run.covariance[o])
-
-
-@compiled_noalloc
 def eskf_kernel(
     state: EskfState, start: int, end: int, space: StateSpace, lever: Floats,
     segments: TwistSegments,
@@ -277,7 +264,7 @@ def eskf_kernel(
             advance_block(state, i, now, segments, space, form, True)
             write_pose_output(state.x, state.P, i, run.mean, run.covariance, o)
             if hold:
-                add_output_curvature(state, space, segments, ranges, m, outputs, o, free, run)
+                add_turn_curvature(state.x, state.P, space, i, 1.0, free, run.covariance[o])
             o += 1
     for d in range(state.time.size):
         propagate_driver(state, d, max(now, end), segments, space, form)

@@ -25,10 +25,8 @@ from clt.filters.kalman.eskf import (
 )
 from clt.filters.kalman.free import (
     UnobservableDirections,
-    add_turn_curvature,
     add_unobservable,
     directions_for_problem,
-    find_turn_variance,
     find_unobservable,
     replace_unobservable,
     subtract_unobservable,
@@ -36,6 +34,7 @@ from clt.filters.kalman.free import (
 )
 from clt.filters.kalman.gaussian import process_noise_form, single_gaussian
 from clt.filters.kalman.reacquisition import solve_with_search
+from clt.filters.kalman.turn_curvature import add_turn_curvature
 from clt.filters.kalman.unscented import (
     MeasurementMoments,
     SigmaPoints,
@@ -272,11 +271,10 @@ def ukf_kernel(
                 state, points, lever, ranges, m, last, gate, space, segments, free, measured, run,
             )  # fmt: skip
             m = last
-        if o < O and outputs.stamp[o] == now:
-            find_turn_variance(state.x, state.P, space, ranges, m, segments, state.cursor, free)
         while o < O and outputs.stamp[o] == now:
-            write_pose_output(state.x, state.P, outputs.robot[o], run.mean, run.covariance, o)
-            add_turn_curvature(state.x, space, outputs.robot[o], free, run.covariance[o])
+            i = outputs.robot[o]
+            write_pose_output(state.x, state.P, i, run.mean, run.covariance, o)
+            add_turn_curvature(state.x, state.P, space, i, 1.0, free, run.covariance[o])
             o += 1
     propagate_to_time(state, points, space, segments, ranges, m, free, now, max(now, end), form)
 
