@@ -20,12 +20,11 @@ from clt.core.recording import Floats, Indices, Stamps
 from clt.filters.kalman import updates
 from clt.filters.kalman.free import (
     UnobservableDirections,
-    add_turn_curvature,
-    find_turn_variance,
     find_unobservable,
     inactive_directions,
     replace_unobservable,
 )
+from clt.filters.kalman.turn_curvature import add_turn_curvature
 from clt.filters.kalman.updates import UpdateWorkspace
 from clt.jit.compiled import compiled_noalloc, inlined
 from clt.model.covariance_propagation import propagate_blocks
@@ -237,24 +236,6 @@ def write_pose_output(
 
 
 @compiled_noalloc
-def add_output_curvature(
-    state: EskfState,
-    inputs: FilterInputs,
-    m: int,
-    o: int,
-    free: UnobservableDirections,
-    run: KalmanOutput,
-) -> None:
-    """Add to output o that a wide turn leads along a circle; found with the first of an instant."""
-    space, outputs = inputs.space, inputs.outputs
-    if o == 0 or outputs.stamp[o - 1] != outputs.stamp[o]:
-        find_turn_variance(
-            state.x, state.P, space, inputs.ranges, m, inputs.segments, state.cursor, free
-        )
-    add_turn_curvature(state.x, space, outputs.robot[o], free, run.covariance[o])
-
-
-@compiled_noalloc
 def eskf_kernel(
     state: EskfState,
     inputs: FilterInputs,
@@ -295,7 +276,7 @@ def eskf_kernel(
             advance_block(state, i, now, segments, space, form, True)
             write_pose_output(state.x, state.P, i, run.mean, run.covariance, o)
             if hold:
-                add_output_curvature(state, inputs, last, o, free, run)
+                add_turn_curvature(state.x, state.P, space, i, 1.0, free, run.covariance[o])
     for d in range(state.time.size):
         propagate_driver(state, d, max(now, end), segments, space, form)
 

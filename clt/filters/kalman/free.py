@@ -8,7 +8,8 @@ filter would find that the N of before is no free turn any more, and learn from 
 told (Huang, Mourikis, Roumeliotis 2010). So N is exchanged after every correction,
 P += N+^T S N+ - N^T S N. A filter without Jacobians, the unscented one, looks at the ranges with
 sigma points of P_o, and moves them alone: turned as one, the true points lie on circles, and tell
-the same ranges.
+the same ranges. The two blocks of mutual transforms are one pose: after the correction the second
+is made the inverse of the first, as turns about both robots are free only where it is.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 from clt.core.recording import Floats, Indices
 from clt.filters.kalman.unscented import cholesky_upper
 from clt.jit.compiled import compiled_noalloc, inlined
+from clt.model.mutual import is_mutual, set_inverse
 from clt.model.problem import Problem
 from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings
@@ -39,6 +41,8 @@ class UnobservableDirections(NamedTuple):
     """Whether to look for directions that no range tells, and scratch."""
 
     active: int
+    mutual: int
+    """1 where block 1 is the inverse of block 0 and is kept so."""
     antenna: Floats
     """Of each driver in its body frame, shape (D, 2), m."""
     before: Floats
@@ -51,14 +55,14 @@ class UnobservableDirections(NamedTuple):
     """What made them orthonormal, shape (MAX_UNOBSERVABLE, MAX_UNOBSERVABLE)."""
     U: Floats
     """Factor of P, shape (N, N); or what of P is not free."""
-    bend: Floats
-    """Variance of the turn about each driver, where that is the only direction, (D,), rad^2."""
+    turns: Floats
+    """Scratch of `turn_variance`, shape (MAX_UNOBSERVABLE, MAX_UNOBSERVABLE)."""
 
 
 def directions_for_problem(problem: Problem, active: bool) -> UnobservableDirections:
     """Room for a problem; hardly any where it is not `active`."""
     N = problem.belief.mean.shape[1] if active else 0
-    return allocate_directions(problem.antenna, N, active)
+    return allocate_directions(problem.antenna, N, active, active and is_mutual(problem.space))
 
 
 def inactive_directions() -> UnobservableDirections:
@@ -66,17 +70,20 @@ def inactive_directions() -> UnobservableDirections:
     return allocate_directions(np.zeros((0, 2)), 0, False)
 
 
-def allocate_directions(antenna: Floats, N: int, active: bool) -> UnobservableDirections:
+def allocate_directions(
+    antenna: Floats, N: int, active: bool, mutual: bool = False
+) -> UnobservableDirections:
     """Scratch for N numbers and drivers with these antennas (D, 2)."""
     before, after, white = (
         np.zeros((MAX_UNOBSERVABLE, N)),
         np.zeros((MAX_UNOBSERVABLE, N)),
         np.zeros((MAX_UNOBSERVABLE, N)),
     )
-    steps, bend = np.zeros((MAX_UNOBSERVABLE, MAX_UNOBSERVABLE)), np.zeros(antenna.shape[0])
+    steps, turns = (np.zeros((MAX_UNOBSERVABLE, MAX_UNOBSERVABLE)) for _ in range(2))
     return UnobservableDirections(
-        int(active), antenna, before, after, white, steps, np.zeros((N, N)), bend
-    )
+        int(active), int(mutual), antenna, before, after, white, steps, np.zeros((N, N)),
+        turns,
+    )  # fmt: skip
 
 
 def use_first_estimates(problem: Problem, settings: FilterSettings) -> bool:
@@ -251,7 +258,12 @@ def add_unobservable(
     x: Floats, P: Floats, space: StateSpace, ranges: RangeTable, first: int, last: int,
     segments: TwistSegments, cursor: Indices, free: UnobservableDirections, count: int,
 ) -> None:  # fmt: skip
-    """Add to P along the directions at x what was known along the `count` found before."""
+    """Add to P along the directions at x what was known along the `count` found before.
+
+    The blocks of mutual transforms become inverses before: only then x has such directions.
+    """
+    if free.mutual == 1:
+        set_inverse(x, P)
     if count == 0:
         return
     after = free.after
@@ -278,55 +290,3 @@ def replace_unobservable(
             for c in range(x.size):
                 P[r, c] -= before[j, r] * before[j, c]
     add_unobservable(x, P, space, ranges, first, last, segments, cursor, free, count)
-
-
-@compiled_noalloc
-def find_turn_variance(
-    x: Floats, P: Floats, space: StateSpace, ranges: RangeTable, m: int, segments: TwistSegments,
-    cursor: Indices, free: UnobservableDirections,
-) -> None:  # fmt: skip
-    """How far what is seen from each driver may have turned about it, for `add_turn_curvature`.
-
-    m: any range; none tells of turns in body frames.
-    """
-    if free.active == 0 or space.base[0] == WORLD_REFERENCE:
-        return
-    count = find_unobservable(x, P, space, ranges, m, m, segments, cursor, free)
-    for d in range(cursor.size):
-        turns = (
-            count == 1
-            and is_antenna_at_rest(segments, cursor, d, free)
-            and is_reference_frame(space, d)
-        )
-        free.bend[d] = free.steps[0, 0] ** 2 if turns else 0.0
-
-
-@inlined
-def is_reference_frame(space: StateSpace, d: int) -> bool:
-    """Whether anything stands in the frame of driver d."""
-    seen = False
-    for i in range(space.base.size):
-        seen = seen or space.base[i] == d
-    return seen
-
-
-@compiled_noalloc
-def add_turn_curvature(
-    x: Floats, space: StateSpace, i: int, free: UnobservableDirections, covariance: Floats
-) -> None:
-    """Add to the covariance (3, 3) of block i that a wide turn leads along a circle, in place.
-
-    What turns by a ~ N(0, s^2) about the antenna, at u from it, is left by u (1 - cos a) behind
-    the tangent: on average squared, 3/2 - 2 exp(-s^2 / 2) + exp(-2 s^2) / 2 times u u^T.
-    """
-    if free.active == 0 or space.base[i] < 0:
-        return
-    d = space.base[i]
-    ux, uy = x[3 * i] - free.antenna[d, 0], x[3 * i + 1] - free.antenna[d, 1]
-    e = math.expm1(-0.5 * free.bend[d])
-    # The same in powers of what the exponential is below one: small ones stay exact.
-    share = e * e * (3.0 + 2.0 * e + 0.5 * e * e)
-    covariance[0, 0] += share * ux * ux
-    covariance[0, 1] += share * ux * uy
-    covariance[1, 0] += share * ux * uy
-    covariance[1, 1] += share * uy * uy

@@ -26,10 +26,8 @@ from clt.filters.kalman.eskf import (
 )
 from clt.filters.kalman.free import (
     UnobservableDirections,
-    add_turn_curvature,
     add_unobservable,
     directions_for_problem,
-    find_turn_variance,
     find_unobservable,
     replace_unobservable,
     subtract_unobservable,
@@ -37,6 +35,7 @@ from clt.filters.kalman.free import (
 )
 from clt.filters.kalman.gaussian import process_noise_form, single_gaussian
 from clt.filters.kalman.reacquisition import solve_with_search
+from clt.filters.kalman.turn_curvature import add_turn_curvature
 from clt.filters.kalman.unscented import (
     MeasurementMoments,
     SigmaPoints,
@@ -276,11 +275,10 @@ def ukf_kernel(
             unscented_update(
                 state, points, lever, ranges, m, last, gate, space, segments, free, measured, run,
             )  # fmt: skip
-        if events.first_output[e] < events.first_output[e + 1]:
-            find_turn_variance(state.x, state.P, space, ranges, last, segments, state.cursor, free)
         for o in range(events.first_output[e], events.first_output[e + 1]):
-            write_pose_output(state.x, state.P, outputs.robot[o], run.mean, run.covariance, o)
-            add_turn_curvature(state.x, space, outputs.robot[o], free, run.covariance[o])
+            i = outputs.robot[o]
+            write_pose_output(state.x, state.P, i, run.mean, run.covariance, o)
+            add_turn_curvature(state.x, state.P, space, i, 1.0, free, run.covariance[o])
     propagate_to_time(state, points, space, segments, ranges, last, free, now, max(now, end), form)
 
 
