@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_limits
 from clt.core.recording import Floats, Indices, Stamps
 from clt.filters.kalman import updates
 from clt.filters.kalman.free import (
+    Instant,
     UnobservableDirections,
     find_unobservable,
     inactive_directions,
@@ -95,6 +96,7 @@ class EskfState(NamedTuple):
     """The same, shape (N, 2)."""
 
 
+# More than eight arguments: the numbers of one step, all of them scalars.
 @compiled_noalloc
 def propagate_world_block(
     x: Floats, P: Floats, shift: Floats, i: int, v: float, omega: float, dt: float,
@@ -105,7 +107,7 @@ def propagate_world_block(
     F differs from the identity only in d(x, y) / d theta = (-dy, dx), the displacement turned by
     90 degrees. With first-estimates Jacobians (Huang, Mourikis, Roumeliotis 2010) it reaches from
     predicted pose to predicted pose, so `shift`, what ranges corrected in between, comes to it:
-    the filter then cannot learn, from its own corrections, a rotation that no range tells.
+    the filter then cannot learn, from its own corrections, a rotation that no range shows.
     """
     X, Y, T = 3 * i, 3 * i + 1, 3 * i + 2
     dx, dy, cosine, sine = exact_arc(x[T], v, omega, dt)
@@ -263,14 +265,12 @@ def eskf_kernel(
         if last > m:
             compute_innovations(state, lever, ranges, m, last, gate, work, run)
             if hold:
-                turns = find_unobservable(
-                    state.x, state.P, space, ranges, m, last, segments, state.cursor, free
-                )
+                instant = Instant(space, ranges, segments, state.cursor, m, last)
+                turns = find_unobservable(state.x, state.P, instant, free)
             error_state_update(state, work, last - m, large, first)
             if hold:
-                replace_unobservable(
-                    state.x, state.P, space, ranges, m, last, segments, state.cursor, free, turns
-                )
+                instant = Instant(space, ranges, segments, state.cursor, m, last)
+                replace_unobservable(state.x, state.P, instant, free, turns)
         for o in range(events.first_output[e], events.first_output[e + 1]):
             i = outputs.robot[o]
             advance_block(state, i, now, segments, space, form, True)

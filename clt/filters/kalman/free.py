@@ -1,13 +1,13 @@
-"""Turns that no range tells, and how a Kalman filter is kept from learning them from itself.
+"""Turns that no range shows, and how a Kalman filter is kept from learning them from itself.
 
 While a robot stands, all that is seen from it may turn about its antenna and no range changes;
 neither does one if a whole team turns about the only robot of known position. With the changes N
 (a row each) of the state by such turns, P = P_o + N^T S N with S = (N P^-1 N^T)^-1. A range whose
 Jacobian gives H N^T = 0 leaves S as it is, but N depends on the estimate: after a correction the
 filter would find that the N of before is no free turn any more, and learn from it what no range
-told (Huang, Mourikis, Roumeliotis 2010). So N is exchanged after every correction,
+showed (Huang, Mourikis, Roumeliotis 2010). So N is exchanged after every correction,
 P += N+^T S N+ - N^T S N. A filter without Jacobians, the unscented one, looks at the ranges with
-sigma points of P_o, and moves them alone: turned as one, the true points lie on circles, and tell
+sigma points of P_o, and moves them alone: turned as one, the true points lie on circles, and have
 the same ranges. The two blocks of mutual transforms are one pose: after the correction the second
 is made the inverse of the first, as turns about both robots are free only where it is.
 """
@@ -37,8 +37,22 @@ CERTAIN_SIGMA = 1e-6
 """Standard deviation that what is known for certain counts as having, m or rad."""
 
 
+class Instant(NamedTuple):
+    """What is measured at one instant, and in which twist segment each driver is then."""
+
+    space: StateSpace
+    ranges: RangeTable
+    segments: TwistSegments
+    cursor: Indices
+    """(D,)."""
+    first: int
+    """Of the ranges of this instant ..."""
+    last: int
+    """... up to here, without it; none where both are the same."""
+
+
 class UnobservableDirections(NamedTuple):
-    """Whether to look for directions that no range tells, and scratch."""
+    """Whether to look for directions that no range shows, and scratch."""
 
     active: int
     mutual: int
@@ -87,7 +101,7 @@ def allocate_directions(
 
 
 def use_first_estimates(problem: Problem, settings: FilterSettings) -> bool:
-    """Whether a filter is to hold what no range tells: as set, else wherever that can be.
+    """Whether a filter is to hold what no range shows: as set, else wherever that can be.
 
     That is with fewer than two fixed robots, and in body frames.
     """
@@ -99,10 +113,9 @@ def use_first_estimates(problem: Problem, settings: FilterSettings) -> bool:
 
 
 @inlined
-def is_antenna_at_rest(
-    segments: TwistSegments, cursor: Indices, d: int, free: UnobservableDirections
-) -> bool:
+def is_antenna_at_rest(instant: Instant, d: int, free: UnobservableDirections) -> bool:
     """Whether the antenna of driver d is at rest from now on: as its odometry says, or for good."""
+    segments, cursor = instant.segments, instant.cursor
     if segments.first[d] == segments.first[d + 1]:
         return True
     k = min(cursor[d], segments.first[d + 1] - 1)
@@ -135,14 +148,13 @@ def turn_direction(
 
 @compiled_noalloc
 def unobservable_in_world(
-    x: Floats, space: StateSpace, ranges: RangeTable, first: int, last: int,
-    segments: TwistSegments,
-    free: UnobservableDirections, out: Floats,
-) -> int:  # fmt: skip
-    """What the ranges first .. last - 1 do not tell of poses in the world; rows of `out`.
+    x: Floats, instant: Instant, free: UnobservableDirections, out: Floats
+) -> int:
+    """Changes of poses in the world that no range of an instant shows; rows of `out`.
 
     The heading of a static robot is but a convention: it stays, and its antenna turns.
     """
+    space, ranges, segments, _, first, last = instant
     fixed, cx, cy = 0, 0.0, 0.0
     for m in range(first, last):
         for end in (ranges.a[m], ranges.b[m]):
@@ -169,23 +181,21 @@ def unobservable_in_world(
 
 @compiled_noalloc
 def unobservable_directions(
-    x: Floats, space: StateSpace, ranges: RangeTable, first: int, last: int,
-    segments: TwistSegments,
-    cursor: Indices, free: UnobservableDirections, out: Floats,
-) -> int:  # fmt: skip
-    """Changes of the state x that the ranges first .. last - 1 do not tell, rows of `out`; count.
+    x: Floats, instant: Instant, free: UnobservableDirections, out: Floats
+) -> int:
+    """Changes of the state x that no range of an instant shows, rows of `out`; how many.
 
     A turn about a driver that stands counts as such only until it moves: what its odometry says
-    of the way there is what tells the turn.
+    of the way there shows the turn.
     """
     if free.active == 0:
         return 0
-    if space.base[0] == WORLD_REFERENCE:
-        return unobservable_in_world(x, space, ranges, first, last, segments, free, out)
+    if instant.space.base[0] == WORLD_REFERENCE:
+        return unobservable_in_world(x, instant, free, out)
     count = 0
-    for d in range(cursor.size):
-        if count < MAX_UNOBSERVABLE and is_antenna_at_rest(segments, cursor, d, free):
-            count += turn_direction(x, space, d, free, out[count])
+    for d in range(instant.cursor.size):
+        if count < MAX_UNOBSERVABLE and is_antenna_at_rest(instant, d, free):
+            count += turn_direction(x, instant.space, d, free, out[count])
     return count
 
 
@@ -228,14 +238,9 @@ def apply_orthonormalization(N: Floats, steps: Floats, j: int) -> None:
 
 
 @compiled_noalloc
-def find_unobservable(
-    x: Floats, P: Floats, space: StateSpace, ranges: RangeTable, first: int, last: int,
-    segments: TwistSegments, cursor: Indices, free: UnobservableDirections,
-) -> int:  # fmt: skip
-    """The directions before a correction by the ranges first .. last - 1: how many."""
-    count = unobservable_directions(
-        x, space, ranges, first, last, segments, cursor, free, free.before
-    )
+def find_unobservable(x: Floats, P: Floats, instant: Instant, free: UnobservableDirections) -> int:
+    """The directions before a correction by the ranges of an instant: how many."""
+    count = unobservable_directions(x, instant, free, free.before)
     if count > 0:
         cholesky_upper(P, free.U, x.size)
         orthonormalize(free.U, count, free)
@@ -255,9 +260,8 @@ def subtract_unobservable(P: Floats, count: int, free: UnobservableDirections) -
 
 @compiled_noalloc
 def add_unobservable(
-    x: Floats, P: Floats, space: StateSpace, ranges: RangeTable, first: int, last: int,
-    segments: TwistSegments, cursor: Indices, free: UnobservableDirections, count: int,
-) -> None:  # fmt: skip
+    x: Floats, P: Floats, instant: Instant, free: UnobservableDirections, count: int
+) -> None:
     """Add to P along the directions at x what was known along the `count` found before.
 
     The blocks of mutual transforms become inverses before: only then x has such directions.
@@ -267,7 +271,7 @@ def add_unobservable(
     if count == 0:
         return
     after = free.after
-    unobservable_directions(x, space, ranges, first, last, segments, cursor, free, after)
+    unobservable_directions(x, instant, free, after)
     for j in range(count):
         apply_orthonormalization(after, free.steps, j)
         for r in range(x.size):
@@ -277,9 +281,8 @@ def add_unobservable(
 
 @compiled_noalloc
 def replace_unobservable(
-    x: Floats, P: Floats, space: StateSpace, ranges: RangeTable, first: int, last: int,
-    segments: TwistSegments, cursor: Indices, free: UnobservableDirections, count: int,
-) -> None:  # fmt: skip
+    x: Floats, P: Floats, instant: Instant, free: UnobservableDirections, count: int
+) -> None:
     """After the correction: P holds along the directions at the new x what it held along `before`.
 
     As many were found before as `count`.
@@ -289,4 +292,4 @@ def replace_unobservable(
         for r in range(x.size):
             for c in range(x.size):
                 P[r, c] -= before[j, r] * before[j, c]
-    add_unobservable(x, P, space, ranges, first, last, segments, cursor, free, count)
+    add_unobservable(x, P, instant, free, count)

@@ -16,6 +16,7 @@ import numpy as np
 from clt.core.recording import Floats, Indices, Stamps
 from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
 from clt.filters.kalman.free import (
+    Instant,
     UnobservableDirections,
     allocate_directions,
     find_unobservable,
@@ -236,7 +237,8 @@ def fuse_range(
 
     A Gaussian of width s across the line of sight sees h + s^2 / 2h with s^4 / 2h^2 more variance.
     """
-    J, H, free, cursor = bank.J, bank.H, bank.free, bank.cursor
+    J, H, free = bank.J, bank.H, bank.free
+    instant = Instant(space, ranges, segments, bank.cursor, m, m + 1)
     mean, square, used = 0.0, 0.0, 0.0
     for k in range(bank.alive[0]):
         x, P = bank.mean[k], bank.covariance[k]
@@ -257,9 +259,9 @@ def fuse_range(
         inside = gate <= 0.0 or r * r <= gate * S_gate
         if inside:
             used += w
-            turns = find_unobservable(x, P, space, ranges, m, m + 1, segments, cursor, free)
+            turns = find_unobservable(x, P, instant, free)
             update_gaussian(x, P, J, H, bank.gain, r, S)
-            replace_unobservable(x, P, space, ranges, m, m + 1, segments, cursor, free, turns)
+            replace_unobservable(x, P, instant, free, turns)
         nis = r * r / S if inside else gate
         bank.log_weight[k] -= 0.5 * (math.log(2.0 * math.pi * S) + nis)
     trace.residual[m], trace.variance[m] = mean, square - mean * mean

@@ -86,11 +86,13 @@ class _Problem:
     """(n, 2), used where not free."""
 
     def place(self, parameters: Floats) -> Floats:
+        """Positions (n, 2), m, with the free ones taken from `parameters`."""
         position = self.fixed.copy()
         position[self.free] = parameters
         return position
 
     def nodes(self, known: Mapping[int, Floats]) -> LayoutGraph:
+        """The graph of the distances; `known` nodes hold it in place."""
         return LayoutGraph(self.pairs, self.free, len(known) > 0)
 
     def residual(self, parameters: Floats) -> Floats:
