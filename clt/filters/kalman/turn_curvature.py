@@ -22,8 +22,8 @@ from clt.filters.kalman.unscented import cholesky_upper
 from clt.jit.compiled import compiled_noalloc, inlined
 from clt.model.state_space import StateSpace
 
-NEGLIGIBLE_SHARE = 1e-3
-"""Of the variance along the line of sight: what adds less to it is left out."""
+NEGLIGIBLE_SHARE = 1e-2
+"""Of the variance along the line of sight: what adds less (half of that to a sigma) is left out."""
 
 
 @inlined
