@@ -127,7 +127,7 @@ def test_a_standing_ego_learns_nothing_of_its_heading(name):
 
 @pytest.mark.parametrize("name", ["ekf", "ukf"])
 @pytest.mark.parametrize("sigma", [0.01, 0.3])
-def test_no_mean_changes_while_the_ego_moves_and_no_covariance_unless_it_is_wide(name, sigma):
+def test_no_mean_changes_while_the_ego_moves_and_covariances_only_where_wide(name, sigma):
     recording = team_recording(seed=3, seconds=5.0, noise=0.1)
     settings = FilterSettings(initial={"sigma": (sigma, sigma, sigma)})
     start = from_truth(recording, settings.initial.sigma)
@@ -137,4 +137,4 @@ def test_no_mean_changes_while_the_ego_moves_and_no_covariance_unless_it_is_wide
     np.testing.assert_array_equal(ours.mean, theirs.mean)
     more = ours.covariance - theirs.covariance
     assert np.linalg.eigvalsh(more).min() > -1e-12
-    assert np.any(more != 0.0) == (sigma > 0.1)
+    assert (np.abs(more).max() > 1e-3) == (sigma > 0.1)
