@@ -206,6 +206,12 @@ def test_a_closed_standard_error(result):
         (("evaluate", "none.mcap", "--json"), 1),
         (("settings", "nonsense", "--json"), 2),
         (("localize", "none.mcap", "-o", "out.mcap", "--filter", "none", "--json"), 2),
+        (("localize", "--json"), 2),
+        (("info", "--json", "a", "b"), 2),
+        (("evaluate", "a", "--aling", "x", "--json"), 2),
+        (("simulate", "--seed", "x", "--json"), 2),
+        (("nonsense", "--json"), 2),
+        (("info", ".", "--json"), 1),
     ],
 )
 def test_with_json_an_error_is_an_object_too(clt, words, code):
@@ -217,7 +223,15 @@ def test_with_json_an_error_is_an_object_too(clt, words, code):
 
 
 def test_no_object_goes_where_the_result_was_to_go(clt):
-    done = clt("localize", "none.mcap", "-o", "-", "--json")
+    for words in (
+        "none.mcap -o -",
+        "none.mcap -o - --foo",
+        "none.mcap -o- --foo",
+        "--output=- a b",
+    ):
+        done = clt("localize", *words.split(), "--json")
+        assert (done.exit_code, done.stdout) == (2, "")
+    done = clt("info", "a", "b", "--", "--json")
     assert (done.exit_code, done.stdout) == (2, "")
 
 

@@ -94,7 +94,8 @@ def complete_given_start(
     """A start with the poses of some robots in the world, the rest placed by their ranges.
 
     Ground truth is left alone: whoever gives poses has chosen where they come from, and their frame
-    need not be that of the reference. Raises CltError where no two robots have ranges that could place another.
+    need not be that of the reference. Raises CltError where no two robots have ranges that could
+    place another.
     """
     begin = max(pairwise_start_time(recording), start.stamp)
     if begin - start.stamp > MAX_DEAD_RECKONING_NS:
