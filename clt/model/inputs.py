@@ -24,7 +24,8 @@ GAP_CORRELATION_S = 1.0
 DEFAULT_SIGMA_V, DEFAULT_SIGMA_OMEGA, DEFAULT_SIGMA_RANGE = 0.1, 0.1, 0.1
 """Assumed, and said, where neither the log nor the user tells. m/s, rad/s, m."""
 MIN_SIGMA_V, MIN_SIGMA_OMEGA, MIN_SIGMA_RANGE = 1e-5, 1e-5, 1e-4
-"""No sensor is believed beyond this, not even one that claims to be perfect."""
+"""No sensor is believed beyond this, not even one that claims to be perfect; none is worse than
+MAX_SETTING, whose square still leaves digits."""
 
 
 class TwistSegments(NamedTuple):
@@ -129,7 +130,8 @@ def odometry_sigmas(
         notes = (Diagnostic("odometry_noise_assumed", robot.name, values=assumed),)
         sigma_v = np.where(np.isnan(sigma_v), DEFAULT_SIGMA_V, sigma_v)
         sigma_w = np.where(np.isnan(sigma_w), DEFAULT_SIGMA_OMEGA, sigma_w)
-    return np.maximum(sigma_v, MIN_SIGMA_V), np.maximum(sigma_w, MIN_SIGMA_OMEGA), notes
+    sigma_v = np.clip(sigma_v, MIN_SIGMA_V, MAX_SETTING)
+    return sigma_v, np.clip(sigma_w, MIN_SIGMA_OMEGA, MAX_SETTING), notes
 
 
 def twist_variance(
@@ -284,7 +286,7 @@ def range_table(
     if np.isnan(sigma).any():
         notes.append(Diagnostic("range_noise_assumed", values={"sigma_m": DEFAULT_SIGMA_RANGE}))
         sigma = np.where(np.isnan(sigma), DEFAULT_SIGMA_RANGE, sigma)
-    variance = np.maximum(sigma, MIN_SIGMA_RANGE) ** 2
+    variance = np.clip(sigma, MIN_SIGMA_RANGE, MAX_SETTING) ** 2
     low = np.minimum(ranges.source[row], ranges.target[row])
     high = np.maximum(ranges.source[row], ranges.target[row])
     fixed = np.where(source[row] < 0, ranges.source[row], ranges.target[row])

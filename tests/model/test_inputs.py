@@ -191,6 +191,14 @@ def test_noise_nobody_tells_is_assumed_and_said():
         np.testing.assert_allclose(segments.var_v, 0.49 if known is ROBOT else 0.09)
 
 
+def test_no_sensor_is_so_bad_that_its_variance_overflows():
+    sampled = odometry([50 * MS, 100 * MS], 0.5, sigma=1e300)
+    segments, _ = robot_segments(sampled, ROBOT, NoiseSettings(), 0, 100 * MS)
+    np.testing.assert_allclose([segments.var_v, segments.var_omega], inputs.MAX_SETTING**2)
+    table, _ = table_of(ranges([(1, 0, 2, 3.0)], sigma=[1e300]))
+    assert table.variance.tolist() == [inputs.MAX_SETTING**2]
+
+
 def test_no_sensor_is_perfect():
     sampled = odometry([50 * MS, 100 * MS], 0.5, sigma=0.0)
     segments, _ = robot_segments(sampled, ROBOT, NoiseSettings(), 0, 100 * MS)

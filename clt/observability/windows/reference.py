@@ -20,7 +20,7 @@ from clt.model.inputs import (
     range_table,
     robot_segments,
 )
-from clt.model.settings import NoiseSettings
+from clt.model.settings import MAX_SETTING, NoiseSettings
 from clt.observability.windows.track import RestingTrack, resting_track
 
 MIN_PERIOD_S = 1e-3
@@ -213,7 +213,7 @@ def _noise(
         assumed.append(Diagnostic("odometry_noise_assumed", robot.name, values=values))
         sigma = np.where(np.isnan(sigma), [DEFAULT_SIGMA_V, DEFAULT_SIGMA_OMEGA], sigma)
     interval = max(median_period(poses.stamp) * 1e-9, MIN_PERIOD_S)
-    return np.square(sigma) * interval * dt, assumed
+    return np.square(np.minimum(sigma, MAX_SETTING)) * interval * dt, assumed
 
 
 def usable_ranges(recording: Recording) -> Ranges:
