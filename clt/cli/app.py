@@ -10,6 +10,7 @@ import functools
 import sys
 import warnings
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -20,7 +21,7 @@ from clt.cli.environment import check_environment
 from clt.cli.failures import report_failure, report_os_error
 from clt.cli.lazy import CommandEntry, lazy_group
 from clt.cli.stdio import prepare_stdio
-from clt.core.errors import CltError
+from clt.core.errors import CltError, UsageError
 from clt.core.printable import printable
 
 COMMANDS = {
@@ -91,7 +92,9 @@ def guard(command: Callable[..., int]) -> Callable[..., None]:
             code = command(*args, **kwargs)
             sys.stdout.flush()
         except CltError as error:
-            code = report_failure(str(error), error.code, as_json=wants_json(kwargs))
+            code = report_failure(
+                failure_text(error, kwargs), error.code, as_json=wants_json(kwargs)
+            )
         except MemoryError:
             text = f"{input_names(kwargs)}: memory ran out"
             code = report_failure(text, EXIT_FAILED, as_json=wants_json(kwargs))
@@ -110,6 +113,20 @@ def input_names(arguments: Mapping[str, object]) -> str:
     given = [arguments.get(name) for name in ("log", "logs", "source", "scenario", "path")]
     flat = [one for item in given for one in (item if isinstance(item, list | tuple) else [item])]
     return printable(", ".join(str(one) for one in flat if one is not None) or "clt")
+
+
+def failure_text(error: CltError, arguments: Mapping[str, object]) -> str:
+    """What an error says, behind the name of the log that was read if it names no file itself."""
+    text = str(error)
+    given = [item if isinstance(item, list) else [item] for item in arguments.values()]
+    files = [str(one) for item in given for one in item if isinstance(one, Path)]
+    logs = arguments.get("logs") or [arguments.get("log")]
+    log = logs[0] if isinstance(logs, list) and len(logs) == 1 else None
+    if isinstance(error, UsageError) or not isinstance(log, Path):
+        return text
+    name = "standard input" if str(log) == "-" else str(log)
+    named = any(file in text for file in (*files, name) if file != "-")
+    return text if named else f"{name}: {text}"
 
 
 def wants_json(arguments: Mapping[str, object]) -> bool:
