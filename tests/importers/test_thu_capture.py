@@ -160,7 +160,7 @@ def test_malformed(tmp_path: Path, content: bytes, said: str) -> None:
 def test_unreadable(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="nowhere: No such file"):
         read_capture(tmp_path / "nowhere")
-    with pytest.raises(LogError, match="Is a directory"):
+    with pytest.raises(LogError, match="is a folder"):
         read_capture(tmp_path)
 
 
