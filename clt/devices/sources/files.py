@@ -31,10 +31,11 @@ class FileConnection:
         self._pace = Pace(opening.clock, rate) if rate > 0.0 else None
         self._device_time = opening.device_time
         self._next: bytes | None = None
+        self._block_bytes = opening.block_bytes
 
     def read(self, timeout_s: float) -> Sequence[Chunk]:
         if self._pace is None:
-            return [Chunk(self._clock.now_ns(), self._block(READ_BYTES))]
+            return [Chunk(self._clock.now_ns(), self._block(self._block_bytes))]
         if self._next is None:
             self._next = self._block(PACED_BYTES)
             if self._device_time is not None:

@@ -62,6 +62,8 @@ class Opening:
     clock: HostClock
     device_time: Callable[[bytes], float | None] | None = None
     """Feeds a decoder of its own; latest device time of what it was fed, s: paces files."""
+    block_bytes: int = 1 << 16
+    """Read at a time of a file that is read as fast as possible."""
 
 
 @dataclass(frozen=True)

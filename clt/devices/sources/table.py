@@ -49,8 +49,7 @@ def find_source(scheme: str, place: str) -> SourceKind:
         return SOURCES[scheme]
     found = source_plugins().get(scheme)
     if found is None:
-        known = [*SOURCES, *source_plugins()]
-        guess = did_you_mean(scheme, known) or f"; there are {', '.join(known)}"
+        guess = did_you_mean(scheme, [*SOURCES, *source_plugins()])
         raise UsageError(f"{place}: unknown source `{scheme}:`{guess}")
     try:
         kind = found.load()
