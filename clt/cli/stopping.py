@@ -1,7 +1,7 @@
 """Signals that end a command in order instead of at once.
 
 The main thread asks `ask` first (`clt.cli.entry`); a command that can finish what it began says
-with `stop_with` how it is stopped. Once it has said so, signals never end the program by themselves.
+with `stop_with` how it is stopped. From then on signals never end the program by themselves.
 """
 
 from __future__ import annotations

@@ -29,7 +29,6 @@ from clt.devices.tally import Tally
 from clt.devices.team import GrowingTeam
 from clt.log.recording.metadata import TEAM_RECORD, encode_team
 
-
 JOINING_BYTES = 4096
 """Bytes before the first frame of a connection that are not held against it."""
 

@@ -37,7 +37,7 @@ class SteeringTable:
         self._latest[source, robot] = (stamp, angle)
 
     def turn_rate(self, join: JoinSettings, robot: str, stamp: int, v: float) -> float | None:
-        """omega (rad/s) at `stamp`; None without an angle that is recent."""
+        """Turn rate (rad/s) at `stamp`; None without an angle that is recent."""
         if join.steer is None:
             return None
         found = self._latest.get((join.steer, robot))

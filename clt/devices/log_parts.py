@@ -89,8 +89,10 @@ class LogParts:
         if self._split_bytes is not None and self._writer.expected_size >= self._split_bytes:
             return True
         began = self._began_ns
-        return self._split_ns is not None and began is not None and (
-            log_time - began >= self._split_ns
+        return (
+            self._split_ns is not None
+            and began is not None
+            and (log_time - began >= self._split_ns)
         )
 
     def _next(self, log_time: int) -> None:

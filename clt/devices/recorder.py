@@ -261,16 +261,18 @@ class Recorder:
         free = free_bytes(parts.paths[-1])
         if free is not None and free < self.options.min_free_bytes:
             values = {"free_bytes": free}
-            self._event(intake, parts, Diagnostic("disk_low", str(parts.paths[-1]), "partial", values))
+            self._event(
+                intake, parts, Diagnostic("disk_low", str(parts.paths[-1]), "partial", values)
+            )
             self.stop()
         for name, source in intake.sources.items():
             tally = source.tally
             begun = tally.first_arrival_ns
-            if tally.frames == 0 and begun is not None and (
-                now - begun >= UNDECODED_AFTER_S * NS_PER_SECOND
-            ):
+            late = begun is not None and now - begun >= UNDECODED_AFTER_S * NS_PER_SECOND
+            if tally.frames == 0 and late:
                 values = {"bytes": tally.bytes, "proto": source.spec.proto}
-                self._once(intake, parts, Diagnostic("nothing_decoded", name, values=values))
+                found = Diagnostic("nothing_decoded", name, values=values)
+                self._once(intake, parts, found)
             lost = self._readers[name].lost
             if lost > 0:
                 found = Diagnostic("datagrams_lost", name, values={"lost": lost})

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import cos, isfinite, isnan, nan, sin
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from clt.core.recording import Robot
 from clt.devices.decoders.names import name_without_map
@@ -102,21 +102,7 @@ class SampleWriter:
             if not 0 <= stamp < ROS_TIME_END_NS:
                 tally.bad_frames += 1
                 continue
-            match sample:
-                case RangeSample():
-                    done = self._range(sample, stamp, log_time)
-                case ImuSample():
-                    done = self._imu(sample, stamp, log_time)
-                case OdometrySample():
-                    done = self._odometry(sample, stamp, log_time)
-                case PacketSample():
-                    done = self._packet(sample, stamp, log_time)
-                case PoseSample():
-                    done = self._pose(sample, stamp, log_time)
-                case SteeringSample():
-                    self._steer(sample, stamp)
-                    continue
-            if done:
+            if WRITERS[type(sample)](self, sample, stamp, log_time):
                 written += 1
                 if tally.first_stamp_ns is None:
                     tally.first_stamp_ns = stamp
@@ -145,7 +131,7 @@ class SampleWriter:
             self.tally.named[device_id] = name
         return name
 
-    def _range(self, sample: RangeSample, stamp: int, log_time: int) -> bool:
+    def range(self, sample: RangeSample, stamp: int, log_time: int) -> bool:
         key = (sample.source, sample.target)
         ends = self.pairs[key] if key in self.pairs else self._new_pair(key)
         if ends is None:
@@ -188,7 +174,7 @@ class SampleWriter:
         self.pairs[key] = ends
         return ends
 
-    def _imu(self, sample: ImuSample, stamp: int, log_time: int) -> bool:
+    def imu(self, sample: ImuSample, stamp: int, log_time: int) -> bool:
         robot = self._robot(sample.node)
         if robot is None:
             return False
@@ -201,7 +187,7 @@ class SampleWriter:
         self.sink.write(channel, log_time, stamp, payload)
         return True
 
-    def _odometry(self, sample: OdometrySample, stamp: int, log_time: int) -> bool:
+    def odometry(self, sample: OdometrySample, stamp: int, log_time: int) -> bool:
         robot = self._robot(sample.node)
         if robot is None:
             return False
@@ -240,7 +226,7 @@ class SampleWriter:
         self.tally.last_value = ("odometry", robot.name, v)
         return True
 
-    def _packet(self, sample: PacketSample, stamp: int, log_time: int) -> bool:
+    def packet(self, sample: PacketSample, stamp: int, log_time: int) -> bool:
         robot = self._robot(sample.node)
         if robot is None:
             return False
@@ -280,7 +266,7 @@ class SampleWriter:
         self.tally.last_value = ("packet", robot.name, float(sample.sequence))
         return True
 
-    def _pose(self, sample: PoseSample, stamp: int, log_time: int) -> bool:
+    def pose(self, sample: PoseSample, stamp: int, log_time: int) -> bool:
         robot = self._robot(sample.node)
         if robot is None:
             return False
@@ -302,8 +288,21 @@ class SampleWriter:
         self.tally.last_value = ("pose", robot.name, sample.x)
         return True
 
-    def _steer(self, sample: SteeringSample, stamp: int) -> None:
+    def steer(self, sample: SteeringSample, stamp: int, _log_time: int) -> bool:
+        """Kept for the odometry of the robot; it is no message of its own."""
         robot = self._robot(sample.node)
         if robot is not None:
             self.steering.note(self.spec.name, robot.name, stamp, sample.angle)
             self.tally.last_value = ("steering", robot.name, sample.angle)
+        return False
+
+
+WRITERS: dict[type, Callable[[SampleWriter, Any, int, int], bool]] = {
+    RangeSample: SampleWriter.range,
+    ImuSample: SampleWriter.imu,
+    OdometrySample: SampleWriter.odometry,
+    PacketSample: SampleWriter.packet,
+    PoseSample: SampleWriter.pose,
+    SteeringSample: SampleWriter.steer,
+}
+"""By kind of sample; each says whether it wrote a message."""

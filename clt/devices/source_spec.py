@@ -61,10 +61,7 @@ class SourceSpec:
         words: dict[str, Any] = {"url": self.url.text, "proto": self.proto, **self.options}
         if self.robots is not None:
             words["map"] = dict(self.robots)
-        for key, value in vars(self.join).items():
-            if value is not None:
-                words[key] = value
-        return words
+        return words | {key: one for key, one in vars(self.join).items() if one is not None}
 
 
 def parse_source(text: str) -> SourceSpec:

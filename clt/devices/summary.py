@@ -37,8 +37,8 @@ def summary_diagnostics(tallies: Mapping[str, Tally]) -> Iterator[Diagnostic]:
             values = {"count": tally.unknown_turns}
             yield Diagnostic("unknown_turns", name, "warning", values)
         if tally.frames == 0 and tally.bytes > 0:
-            values = {"bytes": tally.bytes, "proto": tally.proto}
-            yield Diagnostic("nothing_decoded", name, "partial", values)
+            found = {"bytes": tally.bytes, "proto": tally.proto}
+            yield Diagnostic("nothing_decoded", name, "partial", found)
         damage = {key: getattr(tally, key) for key in DAMAGE_FIELDS}
         if any(count > 0 for count in damage.values()):
             yield Diagnostic("source_damaged", name, "partial", damage)

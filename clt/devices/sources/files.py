@@ -104,7 +104,7 @@ def check_file(url: SourceUrl) -> None:
 def check_stdin(url: SourceUrl) -> None:
     """Raise UsageError for a terminal."""
     if sys.stdin is None or sys.stdin.isatty():
-        raise UsageError("standard input is a terminal; pipe bytes into clt, or name another source")
+        raise UsageError("standard input is a terminal; pipe bytes into clt or name a source")
     check_options(url, {})
 
 

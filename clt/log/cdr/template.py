@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from struct import Struct
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,7 +35,7 @@ class MessageTemplate:
     def _pack_runs(self, layout: PayloadLayout, paths: Sequence[str]) -> None:
         """Join fields that only zeros separate: those are written again without harm."""
         form, begin, end, first, count = "", 0, 0, 0, 0
-        fields = layout.dtype.fields or {}
+        fields: Mapping[str, Any] = layout.dtype.fields or {}
         for path in paths:
             dtype, offset = fields[path][:2]
             size = dtype.itemsize

@@ -41,9 +41,8 @@ def from_metadata(log: Log) -> Team | None:
             if _grew(team, later):
                 team = later
             elif later != team:
-                log.faults.add(
-                    "team", TEAM_RECORD, "the log names several teams; the first one holds", lost=True
-                )
+                text = "the log names several teams; the first one holds"
+                log.faults.add("team", TEAM_RECORD, text, lost=True)
                 break
     except LogError as error:
         raise LogError(f"{log.name}: {error}") from None
