@@ -20,6 +20,8 @@ class Verdict(Enum):
     """None of this format: a message of the boot loader, a prompt."""
     REFUSED = auto()
     """Of this format, but damaged or without sense."""
+    PART = auto()
+    """The beginning or middle of what goes on on the next line."""
 
 
 class LineFormat(Protocol):
@@ -106,6 +108,9 @@ class LineDecoder:
             counts.frame_bytes += size
             return
         samples = self.form.parse(text, counts.frames)
+        if samples is Verdict.PART:
+            counts.frame_bytes += size
+            return
         if isinstance(samples, Verdict):
             counts.bad_frames += samples is Verdict.REFUSED
             counts.skipped_bytes += size

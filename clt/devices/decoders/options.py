@@ -17,9 +17,11 @@ else:
     SettingsType = TypeVar("SettingsType")
 
 
-def number(default: float, low: float = -math.inf, high: float = math.inf) -> Any:
+def number(default: float, low: float, high: float, *, not_zero: bool = False) -> Any:
     """A field that holds a finite number from `low` to `high`."""
-    return field(default=default, metadata={"parse": lambda text: _number(text, low, high)})
+    return field(
+        default=default, metadata={"parse": lambda text: _number(text, low, high, not_zero)}
+    )
 
 
 def optional_number(low: float, high: float) -> Any:
@@ -62,14 +64,15 @@ def parse_options(
     return settings(**values)
 
 
-def _number(text: str, low: float, high: float) -> float:
+def _number(text: str, low: float, high: float, not_zero: bool = False) -> float:
     try:
         value = float(text)
     except ValueError:
         raise ValueError("give a number") from None
     if not math.isfinite(value) or not low <= value <= high:
-        bounds = f" from {low:g} to {high:g}" if math.isfinite(high - low) else ""
-        raise ValueError(f"give a finite number{bounds}")
+        raise ValueError(f"give a number from {low:g} to {high:g}")
+    if not_zero and value == 0.0:
+        raise ValueError("give a number other than 0")
     return value
 
 

@@ -10,10 +10,17 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from clt.core.errors import CltError, UsageError
 from clt.devices.decoders.decoder import Decoder
+from clt.devices.decoders.dwm1001 import Dwm1001Settings, make_dwm1001
+from clt.devices.decoders.lps_sniffer import LpsSnifferSettings, make_lps_sniffer
+from clt.devices.decoders.makerfabs import MakerfabsSettings, make_makerfabs
 from clt.devices.decoders.names import IdForm
 from clt.devices.decoders.ndjson import NdjsonSettings, make_ndjson
 from clt.devices.decoders.options import parse_options
+from clt.devices.decoders.qorvo_cli import QorvoSettings, make_qorvo_cli
 from clt.devices.decoders.rcl import RclSettings, make_rcl
+from clt.devices.decoders.trek1000 import Trek1000Settings, make_trek1000
+from clt.devices.decoders.vesc import VescSettings, make_vesc
+from clt.devices.decoders.vesc_can import VescCanSettings, make_vesc_can
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -60,6 +67,27 @@ def decoder_spec(
 
 
 DECODERS: dict[str, DecoderSpec] = {
+    "dwm1001": decoder_spec(
+        "Decawave DWM1001 (PANS shell): ranges of one tag",
+        "hex4",
+        Dwm1001Settings,
+        make_dwm1001,
+        device_time=False,
+    ),
+    "lps-sniffer": decoder_spec(
+        "Bitcraze LPS node as a sniffer: raw stamps of a broadcast network, for clt range",
+        "decimal",
+        LpsSnifferSettings,
+        make_lps_sniffer,
+        device_time=True,
+    ),
+    "makerfabs": decoder_spec(
+        "Makerfabs MaUWB (AT commands): ranges of tags",
+        "letter",
+        MakerfabsSettings,
+        make_makerfabs,
+        device_time=False,
+    ),
     "ndjson": decoder_spec(
         "neutral JSON lines, for firmware of one's own",
         "name",
@@ -67,12 +95,40 @@ DECODERS: dict[str, DecoderSpec] = {
         make_ndjson,
         device_time=True,
     ),
+    "qorvo-cli": decoder_spec(
+        "Qorvo DWM3001CDK (command line): ranges of one board",
+        "hex",
+        QorvoSettings,
+        make_qorvo_cli,
+        device_time=False,
+    ),
     "rcl": decoder_spec(
         "binary stream of Shi's sniffer: ranges, wheel odometry, inertial readings",
         "decimal",
         RclSettings,
         make_rcl,
         device_time=True,
+    ),
+    "trek1000": decoder_spec(
+        "Decawave TREK1000, EVK1000 and clones: ranges of tags and among anchors",
+        "letter",
+        Trek1000Settings,
+        make_trek1000,
+        device_time=True,
+    ),
+    "vesc": decoder_spec(
+        "VESC motor controller, polled on its serial port: speed of one robot",
+        "robot",
+        VescSettings,
+        make_vesc,
+        device_time=False,
+    ),
+    "vesc-can": decoder_spec(
+        "VESC motor controllers on a CAN bus: speeds of robots",
+        "decimal",
+        VescCanSettings,
+        make_vesc_can,
+        device_time=False,
     ),
 }
 """Those of clt itself."""
