@@ -161,7 +161,7 @@ class Intake:
             samples = samples[: max(self._most - self.messages, 0)]
         if len(samples) == 0:
             return
-        stamps = stream.stamping.stamps(samples, log_time, chunk.file_ns)
+        stamps = stream.stamping.stamps(samples, log_time)
         for clock, segment in stream.stamping.changes():
             self._write_map(source, clock, segment, log_time)
         self.messages += stream.writer.write(samples, stamps, log_time)

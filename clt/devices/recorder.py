@@ -260,18 +260,16 @@ class Recorder:
             self._event(intake, parts, Diagnostic("wall_clock_set", "", "warning", values))
         free = free_bytes(parts.paths[-1])
         if free is not None and free < self.options.min_free_bytes:
-            values = {"free_bytes": free}
-            self._event(
-                intake, parts, Diagnostic("disk_low", str(parts.paths[-1]), "partial", values)
-            )
+            low = Diagnostic("disk_low", str(parts.paths[-1]), "partial", {"free_bytes": free})
+            self._event(intake, parts, low)
             self.stop()
         for name, source in intake.sources.items():
             tally = source.tally
             begun = tally.first_arrival_ns
             late = begun is not None and now - begun >= UNDECODED_AFTER_S * NS_PER_SECOND
             if tally.frames == 0 and late:
-                values = {"bytes": tally.bytes, "proto": source.spec.proto}
-                found = Diagnostic("nothing_decoded", name, values=values)
+                seen = {"bytes": tally.bytes, "proto": tally.proto}
+                found = Diagnostic("nothing_decoded", name, values=seen)
                 self._once(intake, parts, found)
             lost = self._readers[name].lost
             if lost > 0:

@@ -30,8 +30,8 @@ class Stamping(Protocol):
     def restarts(self) -> int:
         """How often a device began again."""
 
-    def stamps(self, samples: Sequence[Sample], host_ns: int, file_ns: int | None) -> list[int]:
-        """When the samples were true, ns; they arrived at `host_ns`, by their file at `file_ns`."""
+    def stamps(self, samples: Sequence[Sample], host_ns: int) -> list[int]:
+        """When the samples were true, ns; they arrived at `host_ns`."""
 
     def changes(self) -> list[tuple[str, MapSegment]]:
         """Clock and segment of every map that changed since this was asked last."""
@@ -47,7 +47,7 @@ class LiveStamps:
     def restarts(self) -> int:
         return sum(one.restarts for one in self._maps.values())
 
-    def stamps(self, samples: Sequence[Sample], host_ns: int, file_ns: int | None) -> list[int]:  # noqa: ARG002 - of no use where the arrival is known
+    def stamps(self, samples: Sequence[Sample], host_ns: int) -> list[int]:
         if len(samples) == 0:
             return []
         clocks = {sample.clock for sample in samples if sample.device_ns is not None}
@@ -95,17 +95,16 @@ class PastStamps:
         self._period = round(period_s * 1e9)
         self._clocks: dict[str, PastClock] = {}
         self._first_frame: int | None = None
-        self._first_file_ns: int | None = None
         self._latest = start_ns
         self._changes: list[tuple[str, MapSegment]] = []
 
-    def stamps(self, samples: Sequence[Sample], host_ns: int, file_ns: int | None) -> list[int]:  # noqa: ARG002 - what arrived long ago has no arrival
+    def stamps(self, samples: Sequence[Sample], host_ns: int) -> list[int]:  # noqa: ARG002 - what arrived long ago has no arrival
         found: list[int] = []
         last: tuple[str, int | None] | None = None
         for row, sample in enumerate(samples):
             device = sample.device_ns
             if device is None:
-                found.append(self._untimed(sample.frame, file_ns))
+                found.append(self._untimed(sample.frame))
             elif (sample.clock, device) == last:
                 found.append(found[-1])
             else:
@@ -113,15 +112,11 @@ class PastStamps:
             last = (sample.clock, device)
         return found
 
-    def _untimed(self, frame: int, file_ns: int | None) -> int:
-        if file_ns is not None:
-            if self._first_file_ns is None:
-                self._first_file_ns = file_ns
-            stamp = self._start + file_ns - self._first_file_ns
-        else:
-            if self._first_frame is None:
-                self._first_frame = frame
-            stamp = self._start + (frame - self._first_frame) * self._period
+    def _untimed(self, frame: int) -> int:
+        """Stamp of a frame without time."""
+        if self._first_frame is None:
+            self._first_frame = frame
+        stamp = self._start + (frame - self._first_frame) * self._period
         self._latest = max(self._latest, stamp)
         return stamp
 

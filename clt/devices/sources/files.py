@@ -1,4 +1,4 @@
-"""Captured bytes: `file:PATH?rate=R`, and standard input: `-`."""
+"""Captured bytes: `file:PATH?rate=R`, `candump:PATH?rate=R`, and standard input: `-`."""
 
 from __future__ import annotations
 
@@ -119,4 +119,6 @@ def open_stdin(_url: SourceUrl, opening: Opening) -> PipeConnection:
 
 
 FILE = SourceKind(open_file, check_file, waits=True, options=FILE_OPTIONS)
+CANDUMP = SourceKind(open_file, check_file, waits=True, options=FILE_OPTIONS)
+"""Text of `candump -L`: its lines hold the times, so that decoders read them as they are."""
 STDIN = SourceKind(open_stdin, check_stdin, waits=True)

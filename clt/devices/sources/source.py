@@ -28,8 +28,6 @@ class Chunk(NamedTuple):
     """Empty: the connection ended, what was unfinished stays so."""
     stream: int = 1
     """Which of the source's streams, where it has several."""
-    file_ns: int | None = None
-    """When they arrived by the file that they come from, ns."""
 
 
 class DisconnectedError(Exception):

@@ -8,8 +8,7 @@ from importlib.metadata import EntryPoint, entry_points
 
 from clt.core.errors import CltError, UsageError
 from clt.core.settings import did_you_mean
-from clt.devices.sources.candump import CANDUMP
-from clt.devices.sources.files import FILE, STDIN
+from clt.devices.sources.files import CANDUMP, FILE, STDIN
 from clt.devices.sources.serial_port import SERIAL
 from clt.devices.sources.socketcan import CAN
 from clt.devices.sources.source import SourceKind
