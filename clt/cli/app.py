@@ -78,6 +78,10 @@ COMMANDS = {
         "clt.cli.commands.compile:compile_all",
         "Compile all filters at once, so that no later run has to.",
     ),
+    "record": CommandEntry(
+        "clt.cli.commands.record:record",
+        "Record device streams into a log; Ctrl-C ends it.",
+    ),
     "recover": CommandEntry(
         "clt.cli.commands.recover:recover",
         "Copy everything sound of a damaged log into a sound one, and say what was lost.",

@@ -30,6 +30,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 WINDOW_S = 10
@@ -67,7 +68,7 @@ def lower_line(points: Sequence[Point]) -> tuple[float, float]:
         hull.append((x, r))
     mean = sum(x for x, _ in points) / len(points)
     rate = 0.0
-    for (x0, r0), (x1, r1) in zip(hull, hull[1:], strict=False):
+    for (x0, r0), (x1, r1) in pairwise(hull):
         if x1 > x0:
             rate = (r1 - r0) / (x1 - x0)
         if x1 >= mean:

@@ -5,10 +5,10 @@ omega = v tan(angle) / wheelbase: the kinematic bicycle about its rear axle.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf, tan
 
-from clt.devices.decoders.options import number, optional_text
+from clt.devices.decoders.options import number
 
 HELD_S = 1.0
 """A steering angle is used so long."""
@@ -18,7 +18,7 @@ HELD_S = 1.0
 class JoinSettings:
     """Keys of a source that the recorder itself uses."""
 
-    steer: str | None = optional_text()
+    steer: str | None = field(default=None, metadata={"parse": str})
     """Source of steering angles."""
     wheelbase: float = number(0.25, 1e-3, 100.0)
     """Distance of the axles, m."""
@@ -37,7 +37,7 @@ class SteeringTable:
         self._latest[source, robot] = (stamp, angle)
 
     def turn_rate(self, join: JoinSettings, robot: str, stamp: int, v: float) -> float | None:
-        """omega (rad/s) at `stamp`; None without an angle that is recent."""
+        """Turn rate (rad/s) at `stamp`; None without an angle that is recent."""
         if join.steer is None:
             return None
         found = self._latest.get((join.steer, robot))

@@ -61,10 +61,7 @@ class SourceSpec:
         words: dict[str, Any] = {"url": self.url.text, "proto": self.proto, **self.options}
         if self.robots is not None:
             words["map"] = dict(self.robots)
-        for key, value in vars(self.join).items():
-            if value is not None:
-                words[key] = value
-        return words
+        return words | {key: one for key, one in vars(self.join).items() if one is not None}
 
 
 def parse_source(text: str) -> SourceSpec:
@@ -137,7 +134,7 @@ def source_of(name: str, values: object) -> SourceSpec:
     for key in left:
         if key not in decoder.keys:
             known = (*decoder.keys, *OWN_KEYS)
-            guess = did_you_mean(key, known) or f"; there are {', '.join(known)}"
+            guess = did_you_mean(key, known)
             raise UsageError(f"{place}: unknown key `{key}`{guess}")
     decoder.make(left, name)
     robots = _map(place, decoder, values["map"]) if "map" in values else None
@@ -168,7 +165,7 @@ def check_sources(specs: Sequence[SourceSpec]) -> None:
     for spec in specs:
         steer = spec.join.steer
         if steer is not None and steer not in names:
-            guess = did_you_mean(steer, names) or f"; there are {', '.join(names)}"
+            guess = did_you_mean(steer, names)
             raise UsageError(f"source {spec.name}: steer={steer} is no source{guess}")
     if sum(spec.url.scheme == STDIN_SCHEME for spec in specs) > 1:
         raise UsageError("two sources want standard input; name a file for one of them")

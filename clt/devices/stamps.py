@@ -17,6 +17,8 @@ SAME_CLOCK_NS = 1_000_000_000
 """Clocks of one stream of the past that differ by less when first seen are taken for one."""
 STEP_BACK_NS = 1_000_000_000
 """A device whose time steps back by more began again."""
+AHEAD = 8
+"""Samples looked at to see whether a strange time lasts."""
 LEAP_NS = 10_000_000_000
 """A step ahead by more is believed only when it lasts."""
 
@@ -24,11 +26,12 @@ LEAP_NS = 10_000_000_000
 class Stamping(Protocol):
     """Stamps of one stream."""
 
-    restarts: int
-    """How often a device began again."""
+    @property
+    def restarts(self) -> int:
+        """How often a device began again."""
 
-    def stamps(self, samples: Sequence[Sample], host_ns: int, file_ns: int | None) -> list[int]:
-        """When the samples were true, ns; they arrived at `host_ns`, by their file at `file_ns`."""
+    def stamps(self, samples: Sequence[Sample], host_ns: int) -> list[int]:
+        """When the samples were true, ns; they arrived at `host_ns`."""
 
     def changes(self) -> list[tuple[str, MapSegment]]:
         """Clock and segment of every map that changed since this was asked last."""
@@ -44,7 +47,7 @@ class LiveStamps:
     def restarts(self) -> int:
         return sum(one.restarts for one in self._maps.values())
 
-    def stamps(self, samples: Sequence[Sample], host_ns: int, file_ns: int | None) -> list[int]:  # noqa: ARG002 - of no use where the arrival is known
+    def stamps(self, samples: Sequence[Sample], host_ns: int) -> list[int]:
         if len(samples) == 0:
             return []
         clocks = {sample.clock for sample in samples if sample.device_ns is not None}
@@ -92,37 +95,33 @@ class PastStamps:
         self._period = round(period_s * 1e9)
         self._clocks: dict[str, PastClock] = {}
         self._first_frame: int | None = None
-        self._first_file_ns: int | None = None
         self._latest = start_ns
         self._changes: list[tuple[str, MapSegment]] = []
 
-    def stamps(self, samples: Sequence[Sample], host_ns: int, file_ns: int | None) -> list[int]:  # noqa: ARG002 - what arrived long ago has no arrival
+    def stamps(self, samples: Sequence[Sample], host_ns: int) -> list[int]:  # noqa: ARG002 - what arrived long ago has no arrival
         found: list[int] = []
         last: tuple[str, int | None] | None = None
-        for sample in samples:
+        for row, sample in enumerate(samples):
             device = sample.device_ns
             if device is None:
-                found.append(self._untimed(sample.frame, file_ns))
+                found.append(self._untimed(sample.frame))
             elif (sample.clock, device) == last:
                 found.append(found[-1])
             else:
-                found.append(self._timed(sample.clock, device))
+                found.append(self._timed(sample.clock, device, samples[row + 1 : row + AHEAD]))
             last = (sample.clock, device)
         return found
 
-    def _untimed(self, frame: int, file_ns: int | None) -> int:
-        if file_ns is not None:
-            if self._first_file_ns is None:
-                self._first_file_ns = file_ns
-            stamp = self._start + file_ns - self._first_file_ns
-        else:
-            if self._first_frame is None:
-                self._first_frame = frame
-            stamp = self._start + (frame - self._first_frame) * self._period
+    def _untimed(self, frame: int) -> int:
+        """Stamp of a frame without time."""
+        if self._first_frame is None:
+            self._first_frame = frame
+        stamp = self._start + (frame - self._first_frame) * self._period
         self._latest = max(self._latest, stamp)
         return stamp
 
-    def _timed(self, name: str, device: int) -> int:
+    def _timed(self, name: str, device: int, ahead: Sequence[Sample]) -> int:
+        """Stamp of a device time; `ahead` are samples that arrived with it."""
         clock = self._clocks.get(name)
         if clock is None:
             clock = self._clocks[name] = PastClock(self._base(device), device)
@@ -130,15 +129,16 @@ class PastStamps:
         step = device - clock.latest
         if -STEP_BACK_NS <= step <= LEAP_NS:
             clock.suspects = []
-        elif not self._confirmed(clock, device):
-            return self._latest
-        elif step < 0:
-            self.restarts += 1
-            clock.base = self._latest - device
-            self._note(name, clock, device)
-        clock.latest = device if abs(step) > LEAP_NS or step < -STEP_BACK_NS else max(
-            clock.latest, device
-        )
+            clock.latest = max(clock.latest, device)
+        else:
+            later = [one.device_ns for one in ahead if one.clock == name]
+            if not self._confirmed(clock, device, [one for one in later if one is not None]):
+                return self._latest
+            if step < 0:
+                self.restarts += 1
+                clock.base = self._latest - device
+                self._note(name, clock, device)
+            clock.latest = device
         stamp = clock.base + device
         self._latest = max(self._latest, stamp)
         return stamp
@@ -150,13 +150,18 @@ class PastStamps:
                 return other.base
         return self._latest - device
 
-    def _confirmed(self, clock: PastClock, device: int) -> bool:
-        """Whether a time far from the latest was followed by enough that agree with it."""
+    def _confirmed(self, clock: PastClock, device: int, later: Sequence[int]) -> bool:
+        """Whether a time far from the latest has company enough that agrees with it."""
         suspects = clock.suspects
         if len(suspects) > 0 and not 0 <= device - suspects[-1] <= LEAP_NS:
             suspects.clear()
         suspects.append(device)
-        if len(suspects) < CONFIRMATIONS:
+        company = len(suspects)
+        for one in later:
+            if not 0 <= one - device <= LEAP_NS:
+                break
+            company += 1
+        if company < CONFIRMATIONS:
             return False
         suspects.clear()
         return True

@@ -1,4 +1,4 @@
-"""Captured bytes: `file:PATH?rate=R`, and standard input: `-`."""
+"""Captured bytes: `file:PATH?rate=R`, `candump:PATH?rate=R`, and standard input: `-`."""
 
 from __future__ import annotations
 
@@ -31,10 +31,11 @@ class FileConnection:
         self._pace = Pace(opening.clock, rate) if rate > 0.0 else None
         self._device_time = opening.device_time
         self._next: bytes | None = None
+        self._block_bytes = opening.block_bytes
 
     def read(self, timeout_s: float) -> Sequence[Chunk]:
         if self._pace is None:
-            return [Chunk(self._clock.now_ns(), self._block(READ_BYTES))]
+            return [Chunk(self._clock.now_ns(), self._block(self._block_bytes))]
         if self._next is None:
             self._next = self._block(PACED_BYTES)
             if self._device_time is not None:
@@ -103,7 +104,7 @@ def check_file(url: SourceUrl) -> None:
 def check_stdin(url: SourceUrl) -> None:
     """Raise UsageError for a terminal."""
     if sys.stdin is None or sys.stdin.isatty():
-        raise UsageError("standard input is a terminal; pipe bytes into clt, or name another source")
+        raise UsageError("standard input is a terminal; pipe bytes into clt or name a source")
     check_options(url, {})
 
 
@@ -118,4 +119,6 @@ def open_stdin(_url: SourceUrl, opening: Opening) -> PipeConnection:
 
 
 FILE = SourceKind(open_file, check_file, waits=True, options=FILE_OPTIONS)
+CANDUMP = SourceKind(open_file, check_file, waits=True, options=FILE_OPTIONS)
+"""Text of `candump -L`: its lines hold the times, so that decoders read them as they are."""
 STDIN = SourceKind(open_stdin, check_stdin, waits=True)

@@ -28,8 +28,6 @@ class Chunk(NamedTuple):
     """Empty: the connection ended, what was unfinished stays so."""
     stream: int = 1
     """Which of the source's streams, where it has several."""
-    file_ns: int | None = None
-    """When they arrived by the file that they come from, ns."""
 
 
 class DisconnectedError(Exception):
@@ -62,6 +60,8 @@ class Opening:
     clock: HostClock
     device_time: Callable[[bytes], float | None] | None = None
     """Feeds a decoder of its own; latest device time of what it was fed, s: paces files."""
+    block_bytes: int = 1 << 16
+    """Read at a time of a file that is read as fast as possible."""
 
 
 @dataclass(frozen=True)

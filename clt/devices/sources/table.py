@@ -8,8 +8,7 @@ from importlib.metadata import EntryPoint, entry_points
 
 from clt.core.errors import CltError, UsageError
 from clt.core.settings import did_you_mean
-from clt.devices.sources.candump import CANDUMP
-from clt.devices.sources.files import FILE, STDIN
+from clt.devices.sources.files import CANDUMP, FILE, STDIN
 from clt.devices.sources.serial_port import SERIAL
 from clt.devices.sources.socketcan import CAN
 from clt.devices.sources.source import SourceKind
@@ -49,8 +48,7 @@ def find_source(scheme: str, place: str) -> SourceKind:
         return SOURCES[scheme]
     found = source_plugins().get(scheme)
     if found is None:
-        known = [*SOURCES, *source_plugins()]
-        guess = did_you_mean(scheme, known) or f"; there are {', '.join(known)}"
+        guess = did_you_mean(scheme, [*SOURCES, *source_plugins()])
         raise UsageError(f"{place}: unknown source `{scheme}:`{guess}")
     try:
         kind = found.load()

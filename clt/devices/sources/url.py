@@ -38,9 +38,8 @@ def check_options(url: SourceUrl, known: Mapping[str, str]) -> None:
     """Raise UsageError for a key behind `?` that its scheme does not have."""
     for key in url.options:
         if key not in known:
-            have = f"it has {', '.join(known)}" if len(known) > 0 else "it has none"
-            guess = did_you_mean(key, known)
-            raise UsageError(f"{url.text}: unknown key `{key}`{guess}; {have}")
+            remedy = did_you_mean(key, known) or f"; {url.scheme}: has no keys"
+            raise UsageError(f"{url.text}: unknown key `{key}`{remedy}")
 
 
 def number_option(url: SourceUrl, key: str, default: float, least: float, most: float) -> float:

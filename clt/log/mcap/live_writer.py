@@ -66,6 +66,11 @@ class LiveWriter:
         """Bytes of the file so far, those that wait for the end of a chunk not counted."""
         return self._log.position
 
+    @property
+    def expected_size(self) -> int:
+        """Bytes of the file once it is finished, about: what waits counts as it is, packed less."""
+        return self._log.position + self._size // 4
+
     def channel(self, topic: str, schema: str) -> int:
         """Announce a topic of type `package/msg/Type`; returns the number that `write` takes."""
         with _Giving(self):

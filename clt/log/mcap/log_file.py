@@ -104,7 +104,8 @@ class LogFile:
     def define(self, channels: Sequence[tuple[str, str]]) -> list[int]:
         """Announce channels (topic, schema), new schemas before them; returns their numbers."""
         known = {schema.name: schema.id for schema in self.schemas}
-        new_schemas, new_channels = [], []
+        new_schemas: list[records.Schema] = []
+        new_channels: list[records.Channel] = []
         for topic, name in channels:
             if name not in known:
                 known[name] = len(known) + 1
