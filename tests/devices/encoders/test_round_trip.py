@@ -138,6 +138,9 @@ def check_ranges(recording, emission, found, expected):
         here = np.array([(row[0], *row[3:]) for row in rows if row[1:3] == pair])
         there = np.array([(row[0], *row[3:]) for row in expected if row[1:3] == pair])
         if timed:
+            # How long before its line a tag's first exchange happened is not known.
+            begin = int(emission.proto == "trek1000")
+            here, there = here[begin:], there[begin:]
             assert np.abs(here[:, 0] - there[:, 0]).max() <= rounding.time_ns + 512, pair
         assert np.abs(here[:, 1] - there[:, 1]).max() <= rounding.metres, pair
 
