@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from clt.cli.messages.commands import COMMAND_TEXTS
+from clt.cli.messages.emission import EMISSION_TEXTS
 from clt.cli.messages.estimation import ESTIMATION_TEXTS
 from clt.cli.messages.initialization import INITIALIZATION_TEXTS
 from clt.cli.messages.metrics import METRICS_TEXTS
@@ -14,6 +15,7 @@ from clt.core.diagnostics import Diagnostic
 
 TEXTS: Texts = {
     **COMMAND_TEXTS,
+    **EMISSION_TEXTS,
     **ESTIMATION_TEXTS,
     **INITIALIZATION_TEXTS,
     **METRICS_TEXTS,

@@ -173,7 +173,7 @@ class Trek1000Format:
         elapsed = exchange.time_ms - clock.time_ms
         if (
             lines > 0
-            and 0 < elapsed / lines <= MAX_PERIOD_MS
+            and 0 <= elapsed / lines <= MAX_PERIOD_MS
             and (lines == 1 or clock.period_ms is None)
         ):
             clock.period_ms = elapsed / lines

@@ -73,41 +73,19 @@ class VescFormat:
         self.selective = True
 
     def find(self, data: bytes, begin: int) -> int:
-        found = BEGINNING.search(data, begin)
-        return len(data) if found is None else found.start()
+        return find_frame(data, begin)
 
     def measure(self, data: bytes, at: int) -> int:
-        left, first = len(data) - at, data[at]
-        if first == SHORT:
-            if left < 2:
-                return INCOMPLETE
-            head, payload = 2, data[at + 1]
-            sound = payload > 0
-        elif first == LONG:
-            if left < 3:
-                return INCOMPLETE
-            head, payload = 3, data[at + 1] << 8 | data[at + 2]
-            sound = MIN_LONG_PAYLOAD <= payload <= MAX_PAYLOAD
-        else:
-            return NO_FRAME
-        if not sound:
-            return NO_FRAME
-        size = head + payload + 3
-        if left < size:
-            return INCOMPLETE
-        return size if data[at + size - 1] == END else NO_FRAME
+        return measure_frame(data, at)
 
     def decode(self, data: bytes, at: int, frame: int) -> Sequence[Sample] | None:
-        head = 2 if data[at] == SHORT else 3
-        size = data[at + 1] if head == 2 else data[at + 1] << 8 | data[at + 2]
-        payload = data[at + head : at + head + size]
-        (crc,) = struct.unpack_from(">H", data, at + head + size)
-        if crc != crc_hqx(payload, 0):
+        payload = checked_payload(data, at)
+        if payload is None:
             return None
         place = _place_of_erpm(payload)
         if place is None:
             return ()
-        if place + 4 > size:
+        if place + 4 > len(payload):
             return None
         (erpm,) = struct.unpack_from(">i", payload, place)
         settings = self.settings
@@ -131,6 +109,44 @@ class VescFormat:
             self.selective, self.unanswered = not self.selective, 0
         self.unanswered += 1
         return SELECTIVE_REQUEST if self.selective else FULL_REQUEST
+
+
+def find_frame(data: bytes, begin: int) -> int:
+    """As `FrameFormat.find`."""
+    found = BEGINNING.search(data, begin)
+    return len(data) if found is None else found.start()
+
+
+def measure_frame(data: bytes, at: int) -> int:
+    """As `FrameFormat.measure`."""
+    left, first = len(data) - at, data[at]
+    if first == SHORT:
+        if left < 2:
+            return INCOMPLETE
+        head, payload = 2, data[at + 1]
+        sound = payload > 0
+    elif first == LONG:
+        if left < 3:
+            return INCOMPLETE
+        head, payload = 3, data[at + 1] << 8 | data[at + 2]
+        sound = MIN_LONG_PAYLOAD <= payload <= MAX_PAYLOAD
+    else:
+        return NO_FRAME
+    if not sound:
+        return NO_FRAME
+    size = head + payload + 3
+    if left < size:
+        return INCOMPLETE
+    return size if data[at + size - 1] == END else NO_FRAME
+
+
+def checked_payload(data: bytes, at: int) -> bytes | None:
+    """The payload of the whole frame at `at`; None where its checksum is wrong."""
+    head = 2 if data[at] == SHORT else 3
+    size = data[at + 1] if head == 2 else data[at + 1] << 8 | data[at + 2]
+    (crc,) = struct.unpack_from(">H", data, at + head + size)
+    payload = data[at + head : at + head + size]
+    return payload if crc == crc_hqx(payload, 0) else None
 
 
 def _place_of_erpm(payload: bytes) -> int | None:
