@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import pty
 import socket
+import struct
 import subprocess
 import sys
+import time
 import tty
 from contextlib import chdir
 
@@ -217,9 +219,6 @@ def test_every_transport_brings_the_same_estimates(folder, transport):
 
 def copy_at_pace(path, file):
     """Write the frames of `rcl` when they are due."""
-    import struct
-    import time
-
     data = path.read_bytes()
     at, begin, first = 0, time.monotonic(), None
     while at < len(data):
