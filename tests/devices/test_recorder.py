@@ -156,7 +156,8 @@ def test_what_finds_no_room_is_counted(record):
         return taken(wait_s)
 
     inbox.take = late
-    events, tallies, found = record(script, inbox=inbox, options=RecorderOptions(0, busy_fill=2.0))
+    roomy = RecorderOptions(stall_s=0.0, busy_fill=2.0)
+    events, tallies, found = record(script, inbox=inbox, options=roomy)
     tally = tallies["x0"]
     assert tally.lost == 19
     assert tally.frames == 1
