@@ -75,7 +75,7 @@ DECODERS: dict[str, DecoderSpec] = {
         device_time=False,
     ),
     "lps-sniffer": decoder_spec(
-        "Bitcraze LPS node as a sniffer: raw stamps of a broadcast network, for clt range",
+        "Bitcraze LPS sniffer: raw stamps of a broadcast network, for clt range",
         "decimal",
         LpsSnifferSettings,
         make_lps_sniffer,
