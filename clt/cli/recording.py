@@ -7,7 +7,7 @@ import re
 import signal
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -84,6 +84,9 @@ class RecordCommand:
         if self.output == STDOUT and (parts or self.as_json):
             other = "--json" if self.as_json else "splitting"
             raise UsageError(f"{other} and -o - do not go together; name a file")
+
+        if self.split_size is not None:
+            size_in_bytes("--split-size", self.split_size)
 
     @property
     def split_bytes(self) -> int | None:
@@ -193,7 +196,7 @@ def record_sources(command: RecordCommand, console: Console) -> int:
         run = run_record(
             inputs.digests({}), **{SOURCES_KEY: store_sources(specs), START_KEY: str(first)}
         )
-        with opened_parts(command, {"clt.run": run}) as parts:
+        with closing(recorder), opened_parts(command, {"clt.run": run}) as parts:
             stop_with(lambda number: stop(recorder, number))
             intake = Intake(parts, specs, GrowingTeam(team), first, command.count)
             recorder.run(intake, parts)

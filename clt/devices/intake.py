@@ -20,14 +20,13 @@ from clt.devices.messages import (
     clock_map_template,
     raw_payload,
 )
-from clt.devices.sample_writer import SampleWriter
+from clt.devices.sample_writer import SampleWriter, write_team
 from clt.devices.samples import Sample
 from clt.devices.source_spec import SourceSpec
 from clt.devices.sources.source import Chunk
 from clt.devices.stamps import LiveStamps, PastStamps, Stamping
 from clt.devices.tally import Tally
 from clt.devices.team import GrowingTeam
-from clt.log.recording.metadata import TEAM_RECORD, encode_team
 
 JOINING_BYTES = 4096
 """Bytes before the first frame of a connection that are not held against it."""
@@ -92,7 +91,7 @@ class Intake:
         self._start_ns = start_ns
         self._steering = SteeringTable()
         self._log_time = 0
-        self._write_team()
+        write_team(sink, team)
 
     @property
     def tallies(self) -> dict[str, Tally]:
@@ -166,8 +165,6 @@ class Intake:
             self._write_map(source, clock, segment, log_time)
         self.messages += stream.writer.write(samples, stamps, log_time)
         source.tally.restarts = sum(one.stamping.restarts for one in source.streams.values())
-        if self._team.changed:
-            self._write_team()
 
     def _decoded(self, tally: Tally, stream: StreamState, data: bytes) -> Sequence[Sample]:
         """The samples of more bytes; until the first frame they are fed one by one.
@@ -229,8 +226,3 @@ class Intake:
             past if spec.past else LiveStamps(),
             SampleWriter(self._sink, spec, source.tally, self._team, self._steering),
         )
-
-    def _write_team(self) -> None:
-        """The robots so far; the latest such record of a log holds."""
-        self._team.changed = False
-        self._sink.metadata(TEAM_RECORD, encode_team(self._team.team()))

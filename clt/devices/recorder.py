@@ -121,7 +121,7 @@ class Recorder:
             for reader in self._readers.values():
                 reader.open()
         except BaseException:
-            self._close()
+            self.close()
             raise
 
     def run(self, intake: Intake, parts: LogParts) -> None:
@@ -142,7 +142,7 @@ class Recorder:
                 parts.close_full()
                 self._event(intake, None, Diagnostic("disk_full", str(parts.paths[-1]), "partial"))
         finally:
-            self._close()
+            self.close()
             for name, reader in self._readers.items():
                 intake.sources[name].tally.lost += reader.lost
 
@@ -313,7 +313,7 @@ class Recorder:
             reconnect=self.options.reconnect,
         )
 
-    def _close(self) -> None:
+    def close(self) -> None:
         """Stop all readers and let go of their sources."""
         for name, reader in self._readers.items():
             reader.stopping.set()

@@ -38,6 +38,7 @@ from clt.log.cdr.template import MessageTemplate
 from clt.log.cdr.writer import ENCAPSULATION_HEADER
 from clt.log.recording.channels import ODOMETRY_TYPE, POSE_TYPE, RANGE_TYPE
 from clt.log.recording.convert import ROS_TIME_END_NS
+from clt.log.recording.metadata import TEAM_RECORD, encode_team
 from clt.log.recording.packets import MAX_NEIGHBOURS, UWB_FRAME_TYPE
 
 if TYPE_CHECKING:
@@ -81,6 +82,12 @@ class DeadReckoning:
         self.stamp = stamp
 
 
+def write_team(sink: MessageSink, team: GrowingTeam) -> None:
+    """The robots so far; the latest such record of a log holds."""
+    team.changed = False
+    sink.metadata(TEAM_RECORD, encode_team(team.team()))
+
+
 @dataclass
 class SampleWriter:
     """Writes the samples of one stream of a source."""
@@ -107,6 +114,8 @@ class SampleWriter:
                 if tally.first_stamp_ns is None:
                     tally.first_stamp_ns = stamp
                 tally.last_stamp_ns = stamp
+            if self.team.changed:
+                write_team(self.sink, self.team)
         tally.samples += written
         return written
 

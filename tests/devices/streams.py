@@ -1,87 +1,72 @@
-"""Short sound streams of every device, made by its encoder: what tests cut, damage and mix."""
+"""Bytes of devices for tests, and `clt record` in a process of its own."""
 
 from __future__ import annotations
 
-import functools
-from typing import NamedTuple
+import json
+import os
+import signal
+import struct
+import subprocess
+import sys
+import time
+from functools import partial
 
-from clt.devices.decoders.table import make_decoder
-from clt.devices.encoders.table import ENCODERS
-from clt.devices.samples import (
-    ImuSample,
-    OdometrySample,
-    PacketSample,
-    PoseSample,
-    RangeSample,
-    ReceivedPacket,
-    SteeringSample,
-)
-
-NODES = {
-    "dwm1001": ("R1", "022E", "DCAE"),
-    "qorvo-cli": ("R1", "0x0001", "0x0002"),
-    "makerfabs": ("t0", "a0", "a1"),
-    "trek1000": ("t0", "a0", "a1"),
-    "ndjson": ("car1", "car2", "base"),
-    "vesc": ("R1", "R1", "R1"),
-}
-DECIMAL = ("1", "2", "4")
-STEPS = 6
+PATIENCE = 60.0
 
 
-class DeviceStream(NamedTuple):
-    """A stream and how to read it."""
-
-    proto: str
-    options: dict[str, str]
-    frames: tuple[bytes, ...]
-
-    @property
-    def data(self) -> bytes:
-        return b"".join(self.frames)
-
-    def decoder(self):
-        return make_decoder(self.proto, self.options, "uwb")
+def range_line(t, k=0, one="R1", other="R2", distance=None):
+    """A line of ndjson; every range is different."""
+    value = 1.0 + 0.001 * k if distance is None else distance
+    said = {"type": "range", "from": one, "to": other, "range": value, "t": t, "seq": k}
+    return json.dumps(said).encode() + b"\n"
 
 
-def samples_at(step, nodes):
-    """Everything that a device may report at one time."""
-    one, two, three = nodes
-    ns = step * 50_000_000 + 3_000_000
-    ticks = step << 31
-    received = (ReceivedPacket(two, step, ticks + 11), ReceivedPacket(three, step, ticks + 2047))
-    return [
-        RangeSample(0, ns, "", one, two, 3.25 + step, 3.5 + step, step, 0.1, -80.5),
-        RangeSample(0, ns, "", one, three, 1.5, 1.25, step),
-        OdometrySample(0, ns, "", one, 0.5 - step, 0.25),
-        PacketSample(0, ns, "", one, step, ticks + (1 << 20), received, ticks + 5, 1.0, 2.0),
-        ImuSample(0, ns, "", one, (0.0, 1.0, 9.8), (0.1, 0.2, 0.3)),
-        SteeringSample(0, ns, "", one, 0.1),
-        PoseSample(0, ns, "", one, 1.0, 2.0, 3.0),
-    ]
+def odometry_line(t, v=0.5, w=0.1, node="R1"):
+    said = {"type": "odom", "node": node, "v": v, "w": w, "t": t}
+    return json.dumps(said).encode() + b"\n"
 
 
-@functools.cache
-def device_stream(proto, steps=STEPS):
-    """The stream of one protocol."""
-    nodes = NODES.get(proto, DECIMAL)
-    spec = ENCODERS[proto]
-    encoder = spec.make(nodes[0])
-    frames = [data for step in range(steps) for _, data in encoder.encode(samples_at(step, nodes))]
-    frames += [data for _, data in encoder.finish()]
-    options = {"node": nodes[0]} if spec.one_robot else {}
-    return DeviceStream(proto, options, tuple(frames))
+def rcl_range(ms, one, other, distance):
+    payload = struct.pack("<IBBd", ms, one, other, distance)
+    return b"\xa5\x5a\x0f\x03" + payload + b"\xdd"
 
 
-def decoded(stream, data, cuts=()):
-    """Samples and decoder after feeding data cut at some places, and its end."""
-    decoder, found, last = stream.decoder(), [], 0
-    for cut in (*cuts, len(data)):
-        found += decoder.feed(data[last:cut])
-        last = cut
-    tail = decoder.tail_bytes
-    found += decoder.finish()
-    counts = decoder.counts
-    assert counts.frame_bytes + counts.skipped_bytes + decoder.tail_bytes == len(data)
-    assert decoder.tail_bytes <= tail
-    return found, decoder
+def rcl_wheels(ms, node, interval, dx, dphi):
+    payload = struct.pack("<IBBfff", ms, node, interval, dx, 0.0, dphi)
+    return b"\xa5\x5a\x13\x02" + payload + b"\xdd"
+
+
+def rcl_inertial(ms, node, *values):
+    return b"\xa5\x5a\x12\x01" + struct.pack("<IB6h", ms, node, *values) + b"\xdd"
+
+
+def start(folder, *words, limit_blocks=None, stdin=subprocess.DEVNULL):
+    """`clt record` with these words; it answers Ctrl-C whatever the parent does."""
+    command = [sys.executable, "-m", "clt", "record", *words]
+    if limit_blocks is not None:
+        command = ["sh", "-c", f'ulimit -f {limit_blocks}; exec "$@"', "sh", *command]
+    return subprocess.Popen(
+        command,
+        cwd=folder,
+        env={name: text for name, text in os.environ.items() if not name.startswith("CLT_")},
+        stdin=stdin,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
+    )
+
+
+def until(condition, process=None):
+    """Wait until something is so."""
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert process is None or process.poll() is None, process.communicate()
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def ended(process, code=0):
+    """Standard output and error of a process that ends with this code."""
+    out, error = process.communicate(timeout=PATIENCE)
+    assert process.returncode == code, (process.returncode, out, error)
+    return out.decode(), error.decode()

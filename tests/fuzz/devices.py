@@ -24,7 +24,7 @@ from clt.devices.samples import (
     RangeSample,
     SteeringSample,
 )
-from tests.devices.streams import device_stream
+from tests.devices.device_streams import device_stream
 
 PROTOCOLS = sorted(DECODERS)
 SECONDS = 0.5

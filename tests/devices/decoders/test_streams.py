@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clt.devices.decoders.table import DECODERS
-from tests.devices.streams import decoded, device_stream
+from tests.devices.device_streams import decoded, device_stream
 
 PROTOCOLS = sorted(DECODERS)
 BINARY = ("lps-sniffer", "rcl", "vesc", "vesc-can")
