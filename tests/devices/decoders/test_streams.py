@@ -114,3 +114,28 @@ def test_the_wrong_protocol_decodes_next_to_nothing(proto):
             continue
         found, _ = decoded(device_stream(proto), data)
         assert len(found) <= 3
+
+
+@every_protocol
+def test_frames_that_arrive_twice(proto):
+    """As a radio's packet may: all of them are whole frames, and nothing else is disturbed."""
+    stream = device_stream(proto)
+    once, _ = decoded(stream, stream.data)
+    twice, decoder = decoded(stream, b"".join(frame * 2 for frame in stream.frames))
+    assert (decoder.counts.bad_frames, decoder.counts.skipped_bytes) == (0, 0)
+    assert len(twice) >= len(once)
+
+
+@every_protocol
+def test_a_device_that_begins_again(proto):
+    """Its clock and counters start over: the same samples, and a time that steps back."""
+    stream = device_stream(proto)
+    once, _ = decoded(stream, stream.data)
+    again, decoder = decoded(stream, stream.data * 2)
+    assert (decoder.counts.bad_frames, decoder.counts.skipped_bytes) == (0, 0)
+    assert len(again) == 2 * len(once)
+    times = [one.device_ns for one in once if one.device_ns is not None]
+    if proto in {"rcl", "ndjson"}:
+        assert [one.device_ns for one in again] == times * 2
+    if proto == "lps-sniffer":
+        assert [one.device_ns for one in again] == pytest.approx(times * 2, abs=1)
