@@ -41,6 +41,7 @@ class LogParts:
         self._flush_s = flush_s
         self._split_bytes = split_bytes
         self._split_ns = split_ns
+        self._splits = split_bytes is not None or split_ns is not None
         self._stream = stream
         self._channels: dict[tuple[str, str], int] = {}
         self._began_ns: int | None = None
@@ -64,9 +65,7 @@ class LogParts:
         self._writer.metadata(name, record)
 
     def write(self, channel: int, log_time: int, publish_time: int, payload: bytes) -> None:
-        if self._began_ns is None:
-            self._began_ns = log_time
-        elif self._is_due(log_time):
+        if self._splits and self._is_due(log_time):
             self._next(log_time)
         self._writer.write(channel, log_time, publish_time, payload)
 
@@ -88,6 +87,8 @@ class LogParts:
     def _is_due(self, log_time: int) -> bool:
         if self._split_bytes is not None and self._writer.expected_size >= self._split_bytes:
             return True
+        if self._began_ns is None:
+            self._began_ns = log_time
         began = self._began_ns
         return (
             self._split_ns is not None
@@ -120,8 +121,7 @@ class LogParts:
         if self._stream is not None:
             self.paths.append(self._path)
             return self._stream, LiveWriter(self._stream, self._metadata, self._flush_s)
-        split = self._split_bytes is not None or self._split_ns is not None
-        path = part_path(self._path, len(self.paths)) if split else self._path
+        path = part_path(self._path, len(self.paths)) if self._splits else self._path
         try:
             file: Any = WholeFile(path, force=self._force)
         except FileExistsError:

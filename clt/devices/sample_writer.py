@@ -100,7 +100,8 @@ class SampleWriter:
     pairs: dict[tuple[str, str], RangeEnds | None] = field(default_factory=dict)
     counters: dict[str, list[int]] = field(default_factory=dict)
     reckonings: dict[str, DeadReckoning] = field(default_factory=dict)
-    robots: dict[str, Robot | None] = field(default_factory=dict)
+    inertial: dict[str, tuple[int, MessageTemplate]] = field(default_factory=dict)
+    """Channel and payload of each device that sends inertial readings."""
 
     def write(self, samples: Sequence[Sample], stamps: Sequence[int], log_time: int) -> int:
         """Write messages of samples; returns how many. Those without sense count as bad frames."""
@@ -184,16 +185,19 @@ class SampleWriter:
         return ends
 
     def imu(self, sample: ImuSample, stamp: int, log_time: int) -> bool:
-        robot = self._robot(sample.node)
-        if robot is None:
-            return False
+        out = self.inertial.get(sample.node)
+        if out is None:
+            robot = self._robot(sample.node)
+            if robot is None:
+                return False
+            channel = self.sink.channel(f"/{robot.name}/imu", IMU_TYPE)
+            out = self.inertial[sample.node] = (channel, imu_template(robot.name))
         values = (*sample.rate, *sample.acceleration)
-        if not all(map(isfinite, values)):
+        if not isfinite(sum(values)):
             self.tally.bad_frames += 1
             return False
-        channel = self.sink.channel(f"/{robot.name}/imu", IMU_TYPE)
-        payload = imu_template(robot.name).pack(stamp // NS, stamp % NS, *values)
-        self.sink.write(channel, log_time, stamp, payload)
+        payload = out[1].pack(stamp // NS, stamp % NS, *values)
+        self.sink.write(out[0], log_time, stamp, payload)
         return True
 
     def odometry(self, sample: OdometrySample, stamp: int, log_time: int) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 
-from clt.core.diagnostics import Diagnostic
+from clt.core.diagnostics import Diagnostic, Severity
 from clt.core.errors import CltError
 from clt.devices.host_clock import NS_PER_SECOND, HostClock
 from clt.devices.inbox import Dropped, Ended, Inbox, Opened
@@ -90,7 +90,7 @@ class SourceReader:
                 break
             except DisconnectedError as error:
                 self._let_go()
-                if not self._again(str(error)):
+                if not self._again(error):
                     break
         self._let_go()
         self._inbox.put(self.spec.name, Ended())
@@ -124,11 +124,12 @@ class SourceReader:
             if self.stopping.is_set():
                 return
 
-    def _again(self, why: str) -> bool:
+    def _again(self, error: DisconnectedError) -> bool:
         """Connect again, sooner first and later less often; False when asked to stop."""
         name, lost = self.spec.name, self._clock.now_ns()
         self._inbox.put(name, Chunk(lost, b""))
-        self._say(Diagnostic("source_lost", name, "partial", {"why": why}))
+        severity: Severity = "warning" if error.in_order else "partial"
+        self._say(Diagnostic("source_lost", name, severity, {"why": str(error)}))
         if not self._reconnect:
             return False
         wait = FIRST_RETRY_S

@@ -11,7 +11,7 @@ import sys
 import time
 from functools import partial
 
-PATIENCE = 60.0
+PATIENCE = 180.0
 
 
 def range_line(t, k=0, one="R1", other="R2", distance=None):

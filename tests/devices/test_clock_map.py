@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from itertools import pairwise
 
 import pytest
 from hypothesis import given, settings
@@ -63,7 +64,7 @@ def test_stamps_increase_and_never_lie_behind_the_arrival(seed, rate, spread):
     rng = random.Random(seed)
     _, rows = run(60, rate=rate, delay=lambda _: round(rng.expovariate(1.0) * spread * SECOND))
     stamps = [stamp for _, _, stamp, _ in rows]
-    assert all(one < other for one, other in zip(stamps, stamps[1:], strict=False))
+    assert all(one < other for one, other in pairwise(stamps))
     assert all(stamp <= arrival + len(rows) for _, _, stamp, arrival in rows)
 
 

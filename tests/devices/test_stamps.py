@@ -9,9 +9,7 @@ SECOND = 1_000_000_000
 
 
 def samples(times, clock="", frame=0):
-    return [
-        RangeSample(frame + k, time, clock, "1", "2", 1.0, 1.0) for k, time in enumerate(times)
-    ]
+    return [RangeSample(frame + k, time, clock, "1", "2", 1.0, 1.0) for k, time in enumerate(times)]
 
 
 def test_the_spacing_of_captured_bytes_is_the_devices():

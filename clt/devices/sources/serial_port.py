@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Sequence
 from typing import Any
@@ -63,11 +64,11 @@ class SerialConnection:
 def _cause(error: Exception) -> str:
     """Why, in one line, without the wrappings of pyserial."""
     number = getattr(error, "errno", None)
+    if number in {errno.EAGAIN, errno.EBUSY} or "exclusively lock" in str(error):
+        return "another program has it open"
     if number is not None:
         return os.strerror(number)
     text = " ".join(str(error).split())
-    if "exclusively lock" in text:
-        return "another program has it open"
     return "unplugged" if "returned no data" in text else text or type(error).__name__
 
 

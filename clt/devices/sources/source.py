@@ -33,6 +33,15 @@ class Chunk(NamedTuple):
 class DisconnectedError(Exception):
     """The connection was lost; the text says why."""
 
+    in_order = False
+    """The other side ended it."""
+
+
+class ClosedError(DisconnectedError):
+    """The other side ended the connection."""
+
+    in_order = True
+
 
 class Connection(Protocol):
     """An open source."""

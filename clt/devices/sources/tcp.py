@@ -7,7 +7,14 @@ from collections.abc import Sequence
 
 from clt.devices.host_clock import HostClock
 from clt.devices.sources.sockets import check_address, readable
-from clt.devices.sources.source import Chunk, DisconnectedError, Opening, SourceKind, SourceUrl
+from clt.devices.sources.source import (
+    Chunk,
+    ClosedError,
+    DisconnectedError,
+    Opening,
+    SourceKind,
+    SourceUrl,
+)
 from clt.devices.sources.url import host_and_port
 
 READ_BYTES = 1 << 16
@@ -34,7 +41,7 @@ class TcpConnection:
         except OSError as error:
             raise DisconnectedError(error.strerror or str(error)) from None
         if data == b"":
-            raise DisconnectedError("the other side closed the connection")
+            raise ClosedError("the other side closed the connection")
         return [Chunk(self._clock.now_ns(), data)]
 
     def write(self, data: bytes) -> None:
