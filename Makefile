@@ -12,7 +12,7 @@ demo: $(VENV)/.installed
 	$(BIN)/clt demo --force clt-demo
 
 test: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses=auto --dist=loadfile
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff check

@@ -13,8 +13,8 @@ from clt.filters.distributed.gaussians import make_gaussian_member
 from clt.filters.distributed.points import ParticleMember, draw_copies, make_particle_member
 from clt.filters.distributed.rounds import make_rounds, select_ranges
 from clt.model.choices import FrameSpec
-from clt.model.inputs import RangeTable
 from clt.model.problem import Problem, build_problem
+from clt.model.range_table import RangeTable
 from clt.model.settings import DistributedSettings, FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from clt.calibration.apply import apply_calibration, read_calibration
-from clt.cli.commands.localize import read_filter_settings
+from clt.cli.common import read_filter_settings
 from clt.core.geometry import wrap_angle
 from clt.core.recording import WORLD_FRAME, Floats, Poses, Recording
 from clt.estimation.pipeline import estimate

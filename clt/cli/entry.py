@@ -17,6 +17,8 @@ from types import FrameType
 
 SIGNAL_MESSAGES = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}
 """What is said when a signal ends the program; its exit code is 128 and the signal's number."""
+CLEARED_UP = (("clt.cli.commands.compile", "stop_children"), ("clt.log.unfinished", "discard"))
+"""Functions, by module, that clear up what a signal interrupts."""
 SELDOM = 50_000
 """New objects after which Python looks for cycles of garbage; by default 700."""
 
@@ -76,9 +78,10 @@ def exit_on_signal(number: int, _frame: FrameType | None) -> None:
     if ask is not None and ask(number):
         return
     # Not imported here: the import may have been interrupted just now.
-    discard = getattr(sys.modules.get("clt.log.unfinished"), "discard", None)
-    if discard is not None:
-        discard()
+    for module, name in CLEARED_UP:
+        clear = getattr(sys.modules.get(module), name, None)
+        if clear is not None:
+            clear()
     with suppress(OSError):  # Standard error may be closed.
         os.write(2, f"clt: {SIGNAL_MESSAGES[signal.Signals(number).name]}\n".encode())
     os._exit(128 + number)

@@ -33,6 +33,12 @@ QuietOption = Annotated[
     typer.Option("-q", "--quiet", help="Only errors on stderr, and what leads to exit code 3."),
 ]
 VerboseOption = Annotated[bool, typer.Option("-v", "--verbose", help="Say more on stderr.")]
+ConfigOption = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Settings (TOML), the keys of --set.")
+]
+CalibrationOption = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Calibration (TOML) to apply.")
+]
 INIT_METHODS = ("auto", "motion", "pairwise", "truth")
 """What `--init` and `clt init --method` take."""
 SetOption = Annotated[

@@ -66,11 +66,11 @@ class Team:
 
     robots: tuple[Robot, ...]
     range_sigma: float = float("nan")
-    """Noise of one calibrated range where its message does not tell, m."""
+    """Noise of one calibrated range where its message does not state it, m."""
     range_correlation: float = 0.0
     """Correlation time of the error of one pair's ranges, s; 0: independent."""
     communication: Communication | None = None
-    """How the robots talk to each other, where the log tells."""
+    """How the robots communicate, where the log says so."""
     frame: str = WORLD_FRAME
     """Id of the frame in which known positions are given."""
 
@@ -100,7 +100,7 @@ class Odometry:
     v: Floats
     omega: Floats
     sigma_v: Floats
-    """Noise of each sample as its message tells it, m/s; NaN unknown."""
+    """Noise of each sample as its message states it, m/s; NaN unknown."""
     sigma_omega: Floats
     """The same for omega, rad/s."""
 
@@ -119,7 +119,7 @@ class Ranges:
     raw: Floats
     """As the radio gave it, m."""
     sigma: Floats
-    """Standard deviation of `range` as its message tells it, m; NaN unknown."""
+    """Standard deviation of `range` as its message states it, m; NaN unknown."""
     sequence: Indices
 
 
@@ -242,7 +242,7 @@ class Recording:
 
     @property
     def idle(self) -> tuple[str, ...]:
-        """Static robots that no range touches and that have no odometry: nothing tells of them."""
+        """Static robots without odometry that no range touches: nothing is known of them."""
         touched = np.zeros(len(self.team.robots), np.bool_)
         touched[self.ranges.source] = touched[self.ranges.target] = True
         return tuple(

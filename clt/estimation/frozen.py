@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clt.core.recording import Floats, Indices
-from clt.model.inputs import RangeTable
+from clt.model.range_table import RangeTable
 
 MIN_REPEATS = 10
 """Times that a value must come again ..."""

@@ -7,7 +7,7 @@ from collections.abc import Collection
 import numpy as np
 
 from clt.core.recording import Floats, Recording
-from clt.model.inputs import (
+from clt.model.noise import (
     DEFAULT_SIGMA_RANGE,
     MIN_SIGMA_RANGE,
     first_known,

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from clt.core.recording import Floats, Indices
 from clt.filters.kalman import gaussian
-from clt.model.inputs import Outputs, RangeTable
+from clt.model.filter_inputs import Outputs
 from clt.model.known_odometry import segments_after
 from clt.model.problem import Problem
+from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings
 
 MAX_RESIDUAL_SIGMAS = 4.0

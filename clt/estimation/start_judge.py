@@ -15,8 +15,9 @@ import numpy as np
 
 from clt.core.geometry import wrap_angle
 from clt.core.recording import Floats
-from clt.model.inputs import Outputs, RangeTable
+from clt.model.filter_inputs import Outputs
 from clt.model.problem import Problem
+from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings
 from clt.model.solution import Solution
 

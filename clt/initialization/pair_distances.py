@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.core.recording import Floats, Indices, Ranges, Recording
-from clt.model.inputs import (
+from clt.model.noise import (
     DEFAULT_SIGMA_RANGE,
     MIN_SIGMA_RANGE,
     first_known,

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clt.jit.watching import compiling
 
@@ -31,8 +32,11 @@ SUCCESS_STATUSES = {0, -2}
 EXTERNAL_SYMBOLS = {
     *("memset", "memcpy", "memmove", "sqrt", "exp", "expm1", "log", "log1p", "pow", "fmod"),
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "hypot", "floor", "ceil"),
+    "erf",
 }
 """What a kernel may call that is not its own: C's, and with numpy in every process."""
+HELPER_PREFIX = "numba_"
+"""Begins the names of what numba's own C library holds: its random numbers."""
 WORDS: dict[str, tuple[Any, str]] = {
     "p": (ctypes.c_void_p, "ptr"),
     "i": (ctypes.c_int64, "i64"),
@@ -42,6 +46,8 @@ WORDS: dict[str, tuple[Any, str]] = {
 """Machine words by letter: what ctypes and LLVM call them."""
 RETURNED = {"none": "p", "int64": "i", "float64": "d", "bool": "b"}
 """Letters of what a kernel may return, by numba's names."""
+C_CONTIGUOUS, F_CONTIGUOUS, ALIGNED, WRITEABLE = 0x1, 0x2, 0x100, 0x400
+"""Flags of arrays, as numpy's C interface numbers them."""
 DIGEST_BYTES = hashlib.sha256().digest_size
 
 
@@ -54,6 +60,8 @@ class Code(NamedTuple):
     """Letter."""
     letters: str
     """Of the words of all arguments."""
+    helpers: str
+    """What it calls of numba's C library, comma separated: such code needs numba imported."""
     code: bytes
 
 
@@ -90,12 +98,11 @@ def flat(arguments: tuple[Any, ...]) -> tuple[str, list[Any]] | None:
 def _flatten(arguments: tuple[Any, ...], kinds: list[str], words: list[Any]) -> bool:
     for argument in arguments:
         if isinstance(argument, np.ndarray):
-            flags, shape = argument.flags, argument.shape
-            order = "C" if flags.c_contiguous else "F" if flags.f_contiguous else "A"
-            bare = "" if flags.writeable and flags.aligned else f"{flags.writeable}{flags.aligned}"
-            kinds.append(f"{argument.dtype.str}{len(shape)}{order}{bare};")
-            data = argument.ctypes.data
-            words += 0, 0, argument.size, argument.itemsize, data, *shape, *argument.strides
+            shape, flags = argument.shape, argument.flags
+            kinds.append(_array_kind(argument.dtype, len(shape), flags.num))
+            words += 0, 0, argument.size, argument.itemsize, _address(argument)
+            words += shape
+            words += argument.strides
         elif isinstance(argument, tuple):
             kinds.append(f"{type(argument).__name__}(")
             if not _flatten(argument, kinds, words):
@@ -116,6 +123,20 @@ def _flatten(arguments: tuple[Any, ...], kinds: list[str], words: list[Any]) -> 
         else:
             return False
     return True
+
+
+@cache
+def _array_kind(dtype: np.dtype[Any], dimensions: int, flags: int) -> str:
+    """What machine code depends on of an array; `flags` are numpy's numbers."""
+    order = "C" if flags & C_CONTIGUOUS else "F" if flags & F_CONTIGUOUS else "A"
+    usual = flags & WRITEABLE and flags & ALIGNED
+    return f"{dtype.str}{dimensions}{order}{'' if usual else flags & (WRITEABLE | ALIGNED)};"
+
+
+def _address(array: NDArray[Any]) -> int:
+    """Where the numbers of an array lie: `array.ctypes.data`, which takes ten times as long."""
+    address: int = ctypes.c_void_p.from_address(id(array) + object.__basicsize__).value or 0
+    return address
 
 
 def _letters(arguments: tuple[Any, ...]) -> str:
@@ -192,21 +213,19 @@ def _read(path: Path) -> Code | None:
         data = path.read_bytes()
     except OSError:
         return None
-    parts = data[DIGEST_BYTES:].split(b"\0", 3)
+    parts = data[DIGEST_BYTES:].split(b"\0", len(Code._fields) - 1)
     if (
         len(parts) != len(Code._fields)
         or hashlib.sha256(data[DIGEST_BYTES:]).digest() != data[:DIGEST_BYTES]
     ):
         return None
-    symbol, returned, letters, code = parts
-    return Code(symbol.decode(), returned.decode(), letters.decode(), code)
+    symbol, returned, letters, helpers = (part.decode() for part in parts[:-1])
+    return Code(symbol, returned, letters, helpers, parts[-1])
 
 
 def _write(path: Path, code: Code) -> None:
     """Keep machine code; a process that reads meanwhile finds all of it or nothing."""
-    data = b"\0".join(
-        [code.symbol.encode(), code.returned.encode(), code.letters.encode(), code[3]]
-    )
+    data = b"\0".join([*(text.encode() for text in code[:-1]), code.code])
     part = path.with_suffix(f".{os.getpid()}.part")
     try:
         part.write_bytes(hashlib.sha256(data).digest() + data)
@@ -223,7 +242,7 @@ def _compile(function: Callable[..., object], arguments: tuple[Any, ...]) -> Cod
     except MemoryError:
         raise
     except Exception:  # noqa: BLE001 - another numba, or one who says what is wrong with a kernel
-        return Code("", "", "", b"")
+        return Code("", "", "", "", b"")
 
 
 def _compiled(numba: Any, function: Callable[..., object], arguments: tuple[Any, ...]) -> Code:
@@ -240,13 +259,22 @@ def _compiled(numba: Any, function: Callable[..., object], arguments: tuple[Any,
         each.name: each for each in binding.parse_assembly(made.library.get_llvm_str()).functions
     }
     foreign = {name for name, each in functions.items() if each.is_declaration} - EXTERNAL_SYMBOLS
-    if any(not name.startswith("llvm.") for name in foreign):
-        raise ValueError(f"{function.__name__} calls {foreign}")
+    foreign = {name for name in foreign if not name.startswith("llvm.")}
+    helpers = foreign & _helpers().keys()
+    if foreign != helpers:
+        raise ValueError(f"{function.__name__} calls {foreign - helpers}")
     letters = _letters(arguments)
     wanted = ["ptr", "ptr", *(WORDS[letter][1] for letter in letters)]
     if str(functions[symbol].global_value_type) != f"i32 ({', '.join(wanted)})":
         raise ValueError(f"{function.__name__} is called differently")
-    return Code(symbol, returned, letters, made.library.serialize_using_object_code()[2][0])
+    code = made.library.serialize_using_object_code()[2][0]
+    return Code(symbol, returned, letters, ",".join(sorted(helpers)), code)
+
+
+def _helpers() -> dict[str, int]:
+    """Addresses in numba's C library by the names that its code calls. Imports numba."""
+    library: Any = import_module("numba._helperlib")
+    return {f"{HELPER_PREFIX}{name}": address for name, address in library.c_helpers.items()}
 
 
 def _link(code: Code) -> Linked | None:
@@ -255,6 +283,11 @@ def _link(code: Code) -> Linked | None:
         return None
     from llvmlite import binding  # noqa: PLC0415 - only those who run kernels need it
 
+    addresses = _helpers() if code.helpers != "" else {}
+    for name in filter(None, code.helpers.split(",")):
+        if name not in addresses:
+            return None
+        binding.add_symbol(name, addresses[name])
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
     target = binding.Target.from_default_triple().create_target_machine(jit=True)

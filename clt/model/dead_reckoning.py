@@ -8,7 +8,7 @@ import numpy as np
 
 from clt.core.recording import Floats, Odometry, Robot, Stamps
 from clt.core.start import median_period
-from clt.model.inputs import interval_twist
+from clt.model.twist_segments import interval_twist
 
 
 class ReckonedPath(NamedTuple):

@@ -1,6 +1,6 @@
 """What a set of weighted Gaussians or particles says of one block: moments, and how sure it is.
 
-The leading mode is what cannot be told from the heaviest Gaussian; its probability tells whether
+The leading mode is what is alike to the heaviest Gaussian; its probability decides whether
 the answer is unique.
 """
 

@@ -21,17 +21,11 @@ from clt.core.settings import did_you_mean
 from clt.core.start import InitialPose, Start
 from clt.model.belief import Belief, Prior, belief_from_prior, make_prior
 from clt.model.choices import FrameSpec
-from clt.model.inputs import (
-    Outputs,
-    RangeTable,
-    TwistSegments,
-    join_segments,
-    no_segments,
-    range_table,
-    robot_segments,
-)
+from clt.model.filter_inputs import FilterInputs, Outputs, schedule_events
+from clt.model.range_table import RangeTable, range_table
 from clt.model.settings import FilterSettings
 from clt.model.state_space import WORLD_REFERENCE, StateSpace, make_state_space
+from clt.model.twist_segments import TwistSegments, join_segments, no_segments, robot_segments
 from clt.model.unused import EARLY_END_NS, idle_static_robots, is_uncertain, unused_ranges
 
 BASE_LINK_SUFFIX = "/base_link"
@@ -76,6 +70,20 @@ class Problem:
     """Counts the runs that go on from one another; what draws at random adds it to its seed."""
     memory: object = None
     """What the earlier run of the same filter kept beside its belief (`Solution.memory`)."""
+
+    @property
+    def inputs(self) -> FilterInputs:
+        """What a filter reads, its events in order."""
+        return FilterInputs(
+            self.space,
+            self.lever,
+            self.segments,
+            self.ranges,
+            self.outputs,
+            schedule_events(self.ranges, self.outputs),
+            self.start,
+            self.end,
+        )
 
     @property
     def mean(self) -> Floats:
@@ -251,7 +259,7 @@ def range_measurements(
     """The ranges of a view, what had to be assumed, and the robots that it has a place for.
 
     In a body frame the antenna of the robot it belongs to is a fixed point. Of mutual transforms
-    each range tells that which stands in the frame of the robot that measured it.
+    each range informs that which stands in the frame of the robot that measured it.
     """
     team = recording.team
     index = {name: k for k, name in enumerate(team.names)}
@@ -277,7 +285,7 @@ def range_measurements(
 
 
 def ranges_by_measurer(table: RangeTable, recording: Recording, a: int, b: int) -> RangeTable:
-    """Ranges of the pair (a, b) of team indices: those measured by b tell block 1, in b's frame."""
+    """Ranges of the pair (a, b) of team indices: those by b inform block 1, in b's frame."""
     theirs = recording.ranges.source[table.row] == b
     own = np.asarray(recording.team.robots[b].antenna, np.float64)
     return table._replace(
@@ -297,7 +305,7 @@ def output_times(cast: StateLayout, stamps: Mapping[str, Stamps], start: int) ->
     """Each block at the start and at its robot's odometry stamps; standing ones with the first's.
 
     Steps longer than MAX_OUTPUT_STEP_NS are divided, so that slow odometry does not hide what the
-    ranges in between tell.
+    ranges in between show.
     """
     default = next(iter(stamps.values()))
     wanted: list[Indices] = []

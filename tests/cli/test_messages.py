@@ -54,6 +54,8 @@ VALUES = {
     "robot_found": {"times": 1, "in_vain": 2},
     "search_in_vain": {"times": 2},
     "mirrored": {"robots": 1},
+    "left_out": {"counts": {"no_id": 3, "too_old": 1}},
+    "not_reported": {"counts": {"truth": 5}},
     "nothing_decoded": {"bytes": 2000, "proto": "rcl"},
     "unknown_ids": {"counts": {"7": 12}},
     "robots_named": {"names": {"0": "n0"}},

@@ -13,7 +13,7 @@ import warnings
 from pathlib import Path
 from random import Random
 
-from clt.cli.commands.localize import read_filter_settings
+from clt.cli.common import read_filter_settings
 from clt.core.document import Document
 from clt.core.errors import UsageError
 from clt.core.settings import Settings, known_keys, parse_assignments, settings_from_environment

@@ -46,7 +46,13 @@ def is_large(x):
 
 @compiled_noalloc
 def foreign(out):
-    out[0] = math.erf(out[0])
+    out[0] = math.sinh(out[0])
+
+@compiled_noalloc
+def drawn(out):
+    np.random.seed(7)
+    for k in range(out.size):
+        out[k] = np.random.normal()
 
 @compiled_noalloc
 def pair(x):
@@ -155,13 +161,32 @@ out = np.zeros((1, 1))
 print(fill((np.ones(1), np.ones(1)), out), out[0, 0])
 print("numba" in sys.modules, fill.code)
 """
-ELSEWHERE = "0.842701 2 2 3.0\n1 2.0\nTrue {}\n"
+ELSEWHERE = "1.175201 2 2 3.0\n1 2.0\nTrue {}\n"
 
 
 def test_numba_runs_what_needs_more_than_every_process_has(package, tmp_path):
     (package / "other.py").write_text(OTHER.format(before="").replace("fill.code", "0"))
     for _ in range(2):
         assert run(package, tmp_path / "cache", "cores.other") == ELSEWHERE.format(0)
+
+
+DRAWN = """
+import numpy as np
+from clt.jit import kept
+from cores.kernel import drawn
+
+out = np.ones(3)
+drawn(out)
+print(out.tolist(), next(iter(drawn.code.values())) is not None)
+"""
+
+
+def test_kernels_that_draw_at_random_are_kept_with_what_numba_has_for_it(package, tmp_path):
+    (package / "other.py").write_text(DRAWN)
+    expected = np.random.RandomState(7).standard_normal(3).tolist()
+    for _ in range(2):
+        assert run(package, tmp_path / "cache", "cores.other") == f"{expected} True\n"
+    assert len(list((tmp_path / "cache").glob("drawn-*.o"))) == 1
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,8 @@ import typer
 from clt.cli.options import ForceOption, JsonOption, QuietOption, ReportOption, VerboseOption
 
 if TYPE_CHECKING:
+    import subprocess
+
     from clt.cli.console import Console
 
 SMALL = ("--set", "sensors.odometry.rate=10", "--set", "sensors.range.rate=5")
@@ -19,9 +21,9 @@ LOGS = {
     "pair": ("li-two", "--duration", "30"),
     "packets": ("shi-sim", "--duration", "3", "--set", "radio={}"),
 }
-"""What is simulated, by the name that stands for its log in WORK."""
+"""What is simulated, by the name that stands for its log in COMPILED."""
 TRUTH = ("-o", "-", "--init", "truth")
-WORK = {
+COMPILED = {
     "eskf": ("localize", "team", *TRUTH),
     "mixture": ("localize", "team", *TRUTH, "--filter", "mixture"),
     "ukf": ("localize", "team", *TRUTH, "--filter", "ukf"),
@@ -34,11 +36,13 @@ WORK = {
     "observability": ("observability", "team"),
 }
 """Commands that need all of it, those that take longest first."""
+children: set[subprocess.Popen[bytes]] = set()
+"""Processes that compile now."""
 
 
 def compile_all(
     part: Annotated[
-        str | None, typer.Argument(metavar="[PART]", help=f"One of {', '.join(WORK)}.")
+        str | None, typer.Argument(metavar="[PART]", help=f"One of {', '.join(COMPILED)}.")
     ] = None,
     jobs: Annotated[
         int | None, typer.Option(min=1, help="Processes at once; by default one per processor.")
@@ -64,8 +68,8 @@ def compile_all(
     from clt.core.settings import did_you_mean
 
     console = Console(quiet, verbose)
-    if part is not None and part not in WORK:
-        raise UsageError(f"PART {part}: unknown{did_you_mean(part, WORK)}")
+    if part is not None and part not in COMPILED:
+        raise UsageError(f"PART {part}: unknown{did_you_mean(part, COMPILED)}")
     inputs = Inputs.of()
     inputs.check(output, force)
 
@@ -77,7 +81,7 @@ def compile_all(
         raise CltError(
             "there is no directory to keep machine code in; name one with NUMBA_CACHE_DIR=DIR"
         )
-    seconds = work(WORK if part is None else [part], jobs or os.cpu_count() or 1, console)
+    seconds = work(COMPILED if part is None else [part], jobs or os.cpu_count() or 1, console)
     with inputs.report(output, force) as file:
         if as_json:
             document = {"directory": folder, "seconds": seconds}
@@ -89,7 +93,7 @@ def compile_all(
 
 
 def work(parts: Collection[str], jobs: int, console: Console) -> dict[str, float]:
-    """Run the commands of some parts, so many at once: seconds of each, in the order of WORK."""
+    """Run the commands of some parts, so many at once: seconds of each, in their order."""
     import tempfile
     from concurrent.futures import ThreadPoolExecutor, as_completed
     from contextlib import ExitStack
@@ -98,7 +102,7 @@ def work(parts: Collection[str], jobs: int, console: Console) -> dict[str, float
     from clt.log.unfinished import unfinished_file
 
     seconds: dict[str, float] = {}
-    needed = [name for name in LOGS if any(name in WORK[part] for part in parts)]
+    needed = [name for name in LOGS if any(name in COMPILED[part] for part in parts)]
     with ExitStack() as stack:
         pool = stack.enter_context(ThreadPoolExecutor(jobs))
         base = Path(tempfile.gettempdir()) / "clt-compile.mcap"
@@ -111,7 +115,8 @@ def work(parts: Collection[str], jobs: int, console: Console) -> dict[str, float
         for each in made:
             each.result()
         running = {
-            pool.submit(run, [logs.get(word, word) for word in WORK[part]]): part for part in parts
+            pool.submit(run, [logs.get(word, word) for word in COMPILED[part]]): part
+            for part in parts
         }
         show(parts, console)
         for done in as_completed(running):
@@ -136,10 +141,19 @@ def run(words: list[str]) -> float:
 
     began = time.perf_counter()
     command = [sys.executable, "-P", "-m", "clt", *words, "-q"]
-    done = subprocess.run(  # noqa: S603 - our own program
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, check=False
-    )
-    if done.returncode not in {EXIT_DONE, EXIT_PARTIAL}:
-        line = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
-        raise CltError(f"clt {words[0]} ended with {done.returncode}: {line}")
+    with subprocess.Popen(  # noqa: S603 - our own program
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    ) as child:
+        children.add(child)
+        said = child.communicate()[1]
+        children.discard(child)
+    if child.returncode not in {EXIT_DONE, EXIT_PARTIAL}:
+        line = said.decode(errors="replace").strip().rpartition("\n")[2]
+        raise CltError(f"clt {words[0]} ended with {child.returncode}: {line}")
     return time.perf_counter() - began
+
+
+def stop_children() -> None:
+    """End what still compiles: the program was ended by a signal (`clt.cli.entry`)."""
+    for child in list(children):
+        child.terminate()

@@ -77,8 +77,8 @@ def demo_steps(
         (
             ["simulate", DEMO_SCENARIO, *length, "-o", str(log)],
             lambda: simulate(
-                DEMO_SCENARIO,
-                log,
+                source=DEMO_SCENARIO,
+                output=log,
                 seed=DEMO_SEED,
                 duration=DEMO_DURATION_S,
                 force=True,
@@ -88,8 +88,8 @@ def demo_steps(
         (
             ["localize", str(log), "--filter", "eskf", "--init", "truth", "-o", str(result)],
             lambda: localize(
-                log,
-                result,
+                log=log,
+                output=result,
                 filter_="eskf",
                 init="truth",
                 force=True,
@@ -99,7 +99,7 @@ def demo_steps(
         ),
         (
             ["evaluate", str(result)],
-            lambda: evaluate([result], as_json=as_json, quiet=quiet, verbose=verbose),
+            lambda: evaluate(logs=[result], as_json=as_json, quiet=quiet, verbose=verbose),
         ),
         (
             ["plot", str(result), "-o", str(picture)],

@@ -45,6 +45,7 @@ MAX_OPTION_VALUE = 1e9
 
 
 def evaluate(
+    *,
     logs: LogsArgument,
     align: AlignOption = None,
     associate: Annotated[

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from clt.cli.options import ForceOption, JsonOption, OutputOption, QuietOption, VerboseOption
+from clt.cli.common import refuse_two_outputs
+from clt.cli.options import (
+    CalibrationOption,
+    ForceOption,
+    JsonOption,
+    OutputOption,
+    QuietOption,
+    VerboseOption,
+)
 
 if TYPE_CHECKING:
     from clt.cli.console import Console
@@ -25,12 +33,11 @@ def print_formats(wanted: bool) -> None:
 
 
 def import_log(
+    *,
     form: Annotated[str, typer.Argument(metavar="FORMAT", help="See --list.")],
     paths: Annotated[list[Path], typer.Argument(metavar="PATH...", help="What to import.")],
     output: OutputOption,
-    calibration: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Calibration (TOML) to apply.")
-    ] = None,
+    calibration: CalibrationOption = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
@@ -52,7 +59,6 @@ def import_log(
     from clt.core.errors import UsageError
     from clt.core.settings import did_you_mean
     from clt.importers import IMPORT_FORMATS
-    from clt.log.output import STDOUT
     from clt.log.recording.save import save
 
     console = Console(quiet, verbose)
@@ -62,8 +68,7 @@ def import_log(
         )
     if len(paths) > 1:
         raise UsageError(f"clt import {form} takes one PATH, not {len(paths)}")
-    if as_json and output == STDOUT:
-        raise UsageError("--json and -o - both want standard output; name a file")
+    refuse_two_outputs(as_json, output)
     files = IMPORT_FORMATS[form].files(paths[0])
     inputs = Inputs.of(*files, calibration=calibration)
     inputs.check(output, force)

@@ -7,12 +7,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from clt.cli.common import (
+    check_choice,
+    read_filter_settings,
+    read_for_estimate,
+    refuse_two_outputs,
+    require_data,
+)
 from clt.cli.options import (
+    CalibrationOption,
+    ConfigOption,
     ForceOption,
     JsonOption,
     LogArgument,
     QuietOption,
     SetOption,
+    StreamsOption,
     VerboseOption,
 )
 from clt.cli.period import FromOption, ToOption
@@ -35,6 +45,7 @@ WIDENED_SIGMA_COMMENT = """\
 
 
 def init(
+    *,
     log: LogArgument,
     method: Annotated[
         str,
@@ -49,16 +60,10 @@ def init(
         Path | None,
         typer.Option("-o", "--output", metavar="FILE", help="Poses (TOML) for localize --init."),
     ] = None,
-    config: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Settings (TOML), the keys of --set.")
-    ] = None,
+    config: ConfigOption = None,
     sets: SetOption = [],  # noqa: B006 - typer copies it
-    calibration: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Calibration (TOML) to apply first.")
-    ] = None,
-    streams: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Roles of a foreign log's topics (TOML).")
-    ] = None,
+    calibration: CalibrationOption = None,
+    streams: StreamsOption = None,
     since: FromOption = None,
     until: ToOption = None,
     force: ForceOption = False,
@@ -74,38 +79,24 @@ def init(
     """
     import json
 
-    from clt.cli.commands.localize import (
-        LOCALIZE_ROLES,
-        check_choice,
-        read_filter_settings,
-        require_data,
-        with_ranges,
-    )
     from clt.cli.console import Console
     from clt.cli.inputs import Inputs
     from clt.cli.options import INIT_METHODS
-    from clt.cli.period import parse_period, select_usable_part
-    from clt.core.errors import UsageError
+    from clt.cli.period import parse_period
     from clt.log.output import STDOUT
 
     console = Console(quiet, verbose)
     check_choice("--method", method, INIT_METHODS)
-    if as_json and output == STDOUT:
-        raise UsageError("--json and -o - both want standard output; name a file")
+    refuse_two_outputs(as_json, output)
     period = parse_period(since, until)
     inputs = Inputs.of(log, config=config, calibration=calibration, streams=streams)
     inputs.check(output, force)
     settings = read_filter_settings(inputs["config"], sets)
 
     # Slow to import: what stands above is refused at once.
-    from clt.calibration.apply import apply_calibration, read_calibration
     from clt.cli.initial import find_initial_poses
-    from clt.log.recording.load import load
 
-    loaded = load(log, inputs["streams"], LOCALIZE_ROLES)
-    recording = with_ranges(select_usable_part(loaded, period, console), console)
-    if (given := inputs["calibration"]) is not None:
-        recording = apply_calibration(recording, read_calibration(given))
+    _, recording = read_for_estimate(log, inputs, period, console)
     team = recording.team
     standing = len(team.moving) == 0 and len(team.static) > 0
     require_data(recording, str(log), standing=standing)

@@ -7,31 +7,39 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from clt.cli.common import (
+    check_choice,
+    read_filter_settings,
+    read_for_estimate,
+    refuse_two_outputs,
+    require_data,
+)
 from clt.cli.options import (
+    CalibrationOption,
+    ConfigOption,
     ForceOption,
     JsonOption,
     LogArgument,
     OutputOption,
     QuietOption,
     SetOption,
+    StreamsOption,
     VerboseOption,
 )
 from clt.cli.period import FromOption, ToOption
 
 if TYPE_CHECKING:
     from clt.cli.console import Console
-    from clt.core.document import Document
-    from clt.core.recording import Communication, Recording
+    from clt.core.recording import Recording
     from clt.core.start import Start
     from clt.estimation.estimators import Estimator
     from clt.estimation.pipeline import EstimationResult
     from clt.model.choices import FrameSpec
     from clt.model.settings import FilterSettings
 
-LOCALIZE_ROLES = frozenset({"odometry", "ranges", "frames", "truth"})
-
 
 def localize(
+    *,
     log: LogArgument,
     output: OutputOption,
     filter_: Annotated[
@@ -65,16 +73,10 @@ def localize(
             "and the ranges of pairs. A file with some robots places the others likewise."
         ),
     ] = "auto",
-    config: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Settings (TOML), the keys of --set.")
-    ] = None,
+    config: ConfigOption = None,
     sets: SetOption = [],  # noqa: B006 - typer copies it
-    calibration: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Calibration (TOML) to apply first.")
-    ] = None,
-    streams: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Roles of a foreign log's topics (TOML).")
-    ] = None,
+    calibration: CalibrationOption = None,
+    streams: StreamsOption = None,
     as_received: Annotated[
         bool,
         typer.Option(
@@ -100,14 +102,11 @@ def localize(
 
     from clt.cli.console import Console
     from clt.cli.inputs import Inputs
-    from clt.cli.period import parse_period, select_usable_part
-    from clt.core.errors import UsageError
-    from clt.log.output import STDOUT
+    from clt.cli.period import parse_period
 
     console = Console(quiet, verbose)
     chosen, view = choose_filter_and_frame(filter_, frame, engine)
-    if as_json and output == STDOUT:
-        raise UsageError("--json and -o - both want standard output; name a file")
+    refuse_two_outputs(as_json, output)
     period = parse_period(since, until)
     poses = poses_file(init)
     inputs = Inputs.of(log, config=config, calibration=calibration, streams=streams, poses=poses)
@@ -118,21 +117,14 @@ def localize(
     from clt.cli.initial import find_start
     from clt.cli.reports.localize_report import localize_record, print_localize_summary
     from clt.estimation.estimators import MULTI_HYPOTHESIS_FILTERS, Estimator
-    from clt.log.recording.load import load
     from clt.log.recording.save import save
     from clt.model.problem import require_frame_robots
     from clt.observability.advice import advise
 
     estimator = Estimator(chosen, view, engine)
     clock = [(perf_counter(), console.compile_s)]
-    loaded = load(log, inputs["streams"], LOCALIZE_ROLES)
-    recording = select_usable_part(loaded, period, console)
+    loaded, recording = read_for_estimate(log, inputs, period, console)
     settings = read_filter_settings(inputs["config"], sets, recording.team.communication)
-    recording = with_ranges(recording, console)
-    if (document := inputs["calibration"]) is not None:
-        from clt.calibration.apply import apply_calibration, read_calibration
-
-        recording = apply_calibration(recording, read_calibration(document))
     require_data(recording, str(log))
     require_frame_robots(estimator.view, recording.team.names)
     clock.append((perf_counter(), console.compile_s))
@@ -177,15 +169,6 @@ def choose_filter_and_frame(filter_: str | None, frame: str, engine: str) -> tup
     return chosen, view
 
 
-def check_choice(option: str, value: str, known: tuple[str, ...]) -> None:
-    """Refuse a value that an option does not have. Raises UsageError naming the nearest."""
-    from clt.core.errors import UsageError
-    from clt.core.settings import did_you_mean
-
-    if value not in known:
-        raise UsageError(f"{option} {value}: unknown{did_you_mean(value, known)}")
-
-
 def poses_file(init: str) -> Path | None:
     """The file that `--init` names. Raises UsageError where it is neither that nor a method."""
     from clt.cli.options import INIT_METHODS
@@ -197,75 +180,6 @@ def poses_file(init: str) -> Path | None:
     if not Path(init).exists():
         raise UsageError(f"--init {init}: no such method or file{did_you_mean(init, INIT_METHODS)}")
     return Path(init)
-
-
-def read_filter_settings(
-    config: Path | Document | None, sets: list[str], told: Communication | None = None
-) -> FilterSettings:
-    """Settings by precedence: defaults < what the log has told < file < environment < --set."""
-    from clt.core.settings import (
-        parse_assignments,
-        parse_settings,
-        read_toml,
-        set_dotted_key,
-        settings_from_environment,
-    )
-    from clt.model.settings import FilterSettings
-
-    tree = {} if config is None else read_toml(config)
-    tree = parse_settings(FilterSettings, tree, str(config)).model_dump(exclude_unset=True)
-    if told is not None:
-        tree["dpf"] = network_settings(told) | tree.get("dpf", {})
-        tree = parse_settings(FilterSettings, tree, "the log's clt.team").model_dump(
-            exclude_unset=True
-        )
-    for key, value in settings_from_environment(FilterSettings).items():
-        set_dotted_key(tree, key, value)
-    tree = parse_settings(FilterSettings, tree, "environment").model_dump(exclude_unset=True)
-    for key, value in parse_assignments(sets).items():
-        set_dotted_key(tree, key, value)
-    return parse_settings(FilterSettings, tree, "--set")
-
-
-def network_settings(told: Communication) -> dict[str, object]:
-    """What a log tells of the network among its robots as keys of `dpf`."""
-    network: dict[str, object] = {
-        "graph": told.graph,
-        "interval": 1.0 / told.rate,
-        "loss": told.loss,
-        "delay": told.delay,
-    }
-    return network if told.reach == float("inf") else network | {"reach": told.reach}
-
-
-def with_ranges(recording: Recording, console: Console) -> Recording:
-    """The recording; a log of raw packets is ranged first, as `clt range` does."""
-    if recording.ranges.stamp.size > 0 or recording.frames.stamp.size == 0:
-        return recording
-    from clt.cli.reports.ranging_report import recover_ranges
-
-    return recover_ranges(recording, console)
-
-
-def require_data(recording: Recording, log: str, *, standing: bool = False) -> None:
-    """Raise CltError, naming the remedy, for a log that cannot be localized at all.
-
-    A team that is `standing` throughout needs no odometry.
-    """
-    from clt.core.errors import CltError
-
-    if len(recording.odometry) == 0 and len(recording.run.get("input_run", "")) > 0:
-        raise CltError(f"{log} is already a result, without odometry and ranges; give its input")
-    if len(recording.odometry) == 0 and not standing:
-        raise CltError(
-            f"{log}: no odometry found on /ROBOT/odom; name its topics with --streams FILE, "
-            "which `clt streams` drafts"
-        )
-    if recording.ranges.stamp.size == 0:
-        raise CltError(
-            f"{log}: no ranges found on /ROBOT/uwb/range; name their topics with --streams FILE, "
-            "which `clt streams` drafts"
-        )
 
 
 def run_filter(

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from clt.cli.options import ForceOption, JsonOption, QuietOption, SetOption, VerboseOption
+from clt.cli.options import (
+    ForceOption,
+    JsonOption,
+    QuietOption,
+    SetOption,
+    StreamsOption,
+    VerboseOption,
+)
 from clt.cli.period import FromOption, ToOption
 
 if TYPE_CHECKING:
@@ -27,6 +34,7 @@ OBSERVABILITY_ROLES = frozenset(
 
 
 def observability(
+    *,
     log: Annotated[
         Path | None,
         typer.Argument(help="An MCAP log, or none; `-` is standard input.", metavar="[LOG]"),
@@ -75,10 +83,7 @@ def observability(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Picture of the windows: .png .svg .pdf")
     ] = None,
-    streams: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Topics of a log that clt did not write (TOML)."),
-    ] = None,
+    streams: StreamsOption = None,
     sets: SetOption = [],  # noqa: B006 - typer copies it
     since: FromOption = None,
     until: ToOption = None,
@@ -130,7 +135,7 @@ def observability(
     period = parse_period(since, until)
     inputs = Inputs.of(log, streams=streams)
     recording = read_recording(log, inputs, output, period, console, force=force)
-    from clt.cli.commands.localize import read_filter_settings
+    from clt.cli.common import read_filter_settings
     from clt.log.output import STDOUT
     from clt.observability.advice import setup_of
 
@@ -264,7 +269,7 @@ def read_recording(
     force: bool,
 ) -> Recording:
     """Read a log once it is clear that its picture can be written."""
-    from clt.cli.commands.localize import with_ranges
+    from clt.cli.common import with_ranges
     from clt.cli.period import select_usable_part
     from clt.core.errors import CltError, UsageError
     from clt.log.output import STDOUT

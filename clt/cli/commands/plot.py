@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from clt.cli.commands.evaluate import AlignOption
+from clt.cli.common import refuse_two_outputs
 from clt.cli.options import (
     ForceOption,
     JsonOption,
@@ -56,8 +57,7 @@ def plot(
     form = ".png" if output == STDOUT else output.suffix.lower()
     if form not in PLOT_SUFFIXES:
         raise UsageError(f"{output}: unknown kind of picture; use {', '.join(PLOT_SUFFIXES)}")
-    if as_json and output == STDOUT:
-        raise UsageError("--json and -o - both want standard output; name a file")
+    refuse_two_outputs(as_json, output)
     console = Console(quiet, verbose)
     inputs = Inputs.of(log, streams=streams)
     inputs.check(output, force)

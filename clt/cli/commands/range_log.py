@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from clt.cli.common import refuse_two_outputs
 from clt.cli.options import (
     ForceOption,
     JsonOption,
@@ -20,6 +21,7 @@ RANGE_LOG_ROLES = frozenset({"odometry", "frames", "truth"})
 
 
 def range_log(
+    *,
     log: LogArgument,
     output: OutputOption,
     method: Annotated[
@@ -65,7 +67,6 @@ def range_log(
     from clt.cli.provenance import run_record
     from clt.cli.reports.ranging_report import print_ranging_summary, ranging_document
     from clt.core.errors import CltError, UsageError
-    from clt.log.output import STDOUT
     from clt.log.recording.load import load
     from clt.log.recording.save import save
     from clt.ranging.recover import RANGING_METHODS, range_packets
@@ -77,8 +78,7 @@ def range_log(
         raise UsageError(f"--method {method}: unknown{did_you_mean(method, RANGING_METHODS)}")
     if noise is not None and not 0.0 <= noise <= 1e6:
         raise UsageError(f"--noise {noise:g}: give picoseconds, from 0 to a million")
-    if as_json and output == STDOUT:
-        raise UsageError("--json and -o - both want standard output; name a file")
+    refuse_two_outputs(as_json, output)
     period = parse_period(since, until)
     inputs = Inputs.of(log)
     inputs.check(output, force)

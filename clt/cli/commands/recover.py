@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from clt.cli.common import refuse_two_outputs
 from clt.cli.options import (
     ForceOption,
     JsonOption,
@@ -30,12 +31,10 @@ def recover(
     from clt.cli.console import Console
     from clt.core.errors import UsageError
     from clt.log.mcap.bag import find_bag
-    from clt.log.output import STDOUT
     from clt.log.output import open_output as opened
     from clt.log.recording.recover import salvage_log as copy
 
-    if as_json and output == STDOUT:
-        raise UsageError("--json and -o - both want standard output; name a file")
+    refuse_two_outputs(as_json, output)
     if log.is_dir():
         files = find_bag(log).files
         raise UsageError(f"{log}: is a folder: recover its files one by one, e.g. {files[0]}")

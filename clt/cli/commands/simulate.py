@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from clt.cli.common import refuse_two_outputs
 from clt.cli.options import ForceOption, JsonOption, QuietOption, SetOption, VerboseOption
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 
 def simulate(
+    *,
     source: Annotated[
         str | None,
         typer.Argument(metavar="SCENARIO", help="A built-in name (see --list) or a TOML file."),
@@ -117,14 +119,12 @@ def simulate_to_log(
     from clt.cli.provenance import run_record
     from clt.core.errors import UsageError
     from clt.filters.distributed.consensus import communication_links
-    from clt.log.output import STDOUT
     from clt.log.recording.save import save
     from clt.sim.simulate import simulate as run
 
     if path is None:
         raise UsageError("no output given; name a log with -o LOG, or `-` for standard output")
-    if as_json and path == STDOUT:
-        raise UsageError("--json and -o - both want standard output; name a file")
+    refuse_two_outputs(as_json, path)
     inputs.check(path, force)
     recording = run(scenario)
     if (told := recording.team.communication) is not None:

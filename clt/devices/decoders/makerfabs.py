@@ -29,6 +29,7 @@ LINE = re.compile(
 PART = re.compile(rb"(rssi|ancid):\s*" + NUMBERS)
 RSSI_LINE = re.compile(rb"\s*rssi:\s*" + NUMBERS + rb"\s*")
 MAX_RANGE_CM = 100_000
+MIN_POWER_DBM = -200.0
 MAX_ID = 99_999
 
 
@@ -98,7 +99,8 @@ class MakerfabsFormat:
 
 def _power(powers: list[float], place: int) -> float:
     """dBm; NaN where there is none (the module prints 0)."""
-    return powers[place] if place < len(powers) and powers[place] < 0.0 else math.nan
+    known = place < len(powers) and MIN_POWER_DBM < powers[place] < 0.0
+    return powers[place] if known else math.nan
 
 
 def make_makerfabs(_settings: MakerfabsSettings) -> LineDecoder:

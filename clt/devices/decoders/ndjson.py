@@ -36,6 +36,7 @@ MAX_RANGE_M = 1e6
 MAX_SPEED = 1e6
 """m/s or rad/s."""
 MAX_TIME_S = 9e9
+MAX_POWER_DBM = 200.0
 MAX_COUNT = 1 << 62
 MAX_NAME_CHARS = 64
 COUNTER_BITS = 40
@@ -146,7 +147,7 @@ class NdjsonFormat:
             distance if math.isnan(raw) else raw,
             None if said.get("seq") is None else _count(said, "seq"),
             sigma if sigma > 0.0 else math.nan,
-            _optional(said, "rssi", MAX_RANGE_M),
+            _optional(said, "rssi", MAX_POWER_DBM),
         )
 
     def _odometry(self, said: Line, frame: int) -> Sequence[Sample]:

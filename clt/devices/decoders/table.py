@@ -75,7 +75,7 @@ DECODERS: dict[str, DecoderSpec] = {
         device_time=False,
     ),
     "lps-sniffer": decoder_spec(
-        "Bitcraze LPS node as a sniffer: raw stamps of a broadcast network, for clt range",
+        "Bitcraze LPS sniffer: raw stamps of a broadcast network, for clt range",
         "decimal",
         LpsSnifferSettings,
         make_lps_sniffer,
@@ -162,7 +162,7 @@ def find_decoder(proto: str, source: str) -> DecoderSpec:
         raise UsageError(f"source {source}: unknown protocol `{proto}`{remedy}")
     try:
         spec = found.load()
-    except Exception as error:  # noqa: BLE001 a stranger's code may raise anything
+    except Exception as error:  # noqa: BLE001 code of others may raise anything
         why = f"{type(error).__name__}: {error}".splitlines()[0]
         raise CltError(
             f"source {source}: plug-in `{proto}` ({found.value}) does not load: {why}; "

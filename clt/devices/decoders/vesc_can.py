@@ -32,6 +32,9 @@ LINE = re.compile(
     rb"((?:[0-9A-Fa-f]{2}){0,8})(?: {1,4}[TR])?\r?\n"
 )
 MAX_LINE_BYTES = 80
+HEAD_BYTES = 8
+BEGINNING = re.compile(rb"\(\d|[\x00-\xff]{4}[\x01-\x08]\x00\x00\x00")
+"""Of a line; of a frame of the kernel, which is HEAD_BYTES."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +53,9 @@ class VescCanFormat:
     def __init__(self, settings: VescCanSettings) -> None:
         self.settings = settings
 
-    def find(self, data: bytes, begin: int) -> int:  # noqa: ARG002 any byte may begin a frame
-        return begin
+    def find(self, data: bytes, begin: int) -> int:
+        found = BEGINNING.search(data, begin)
+        return max(begin, len(data) - HEAD_BYTES + 1) if found is None else found.start()
 
     def measure(self, data: bytes, at: int) -> int:
         line = LINE.match(data, at)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -119,7 +120,8 @@ def open_serial(url: SourceUrl, _waiting: Callable[[], None]) -> Iterator[Sink]:
     try:
         opened = serial.Serial(port, baud, exclusive=True)
     except (serial.SerialException, OSError, ValueError) as error:
-        why = " ".join(str(getattr(error, "strerror", None) or error).split())
+        number = getattr(error, "errno", None)
+        why = " ".join(str(error).split()) if number is None else os.strerror(number)
         raise CltError(f"{url.text}: cannot be opened: {why}") from None
     with opened:
         yield SerialSink(opened, (serial.SerialException, OSError, TypeError))

@@ -23,6 +23,11 @@ PACKET_ODOMETRY = "packet_odometry"
 """Odometry that a packet carries and the format does not."""
 
 
+def whole(value: float, unit: float, limit: int) -> int | None:
+    """A value in whole units; None if it is unknown or not within +-`limit` of them."""
+    return round(value / unit) if abs(value / unit) < limit - 1 else None
+
+
 class Encoder(Protocol):
     """Encoder of one stream. Nodes of samples bear the device's ids; times are never None."""
 

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from clt.devices.decoders.makerfabs import MAX_RANGE_CM
-from clt.devices.encoders.encoder import NOT_CARRIED_PAIR, OUT_OF_SCALE, TOO_MANY, Timed
+from clt.devices.encoders.encoder import NOT_CARRIED_PAIR, OUT_OF_SCALE, TOO_MANY, Timed, whole
 from clt.devices.samples import RangeSample, Sample
 
 ANCHORS = 8
@@ -27,7 +27,7 @@ class MakerfabsEncoder:
             anchor, tag = sorted((sample.source, sample.target))
             if anchor[0] != "a" or tag[0] != "t":
                 self.left_out[NOT_CARRIED_PAIR] += 1
-            elif abs(round(sample.distance * 100.0)) >= MAX_RANGE_CM:
+            elif whole(sample.distance, 0.01, MAX_RANGE_CM) is None:
                 self.left_out[OUT_OF_SCALE] += 1
             elif int(anchor[1:]) in exchanges.get(tag, {}):
                 self.left_out[TOO_MANY] += 1
@@ -43,7 +43,7 @@ class MakerfabsEncoder:
         self._sequence[tag] += 1
         distances, powers = ["0"] * ANCHORS, ["0.00"] * ANCHORS
         for place, sample in ranges.items():
-            distances[place] = str(round(sample.distance * 100.0))
+            distances[place] = str(round(sample.distance / 0.01))
             if sample.received_power < 0.0:
                 powers[place] = f"{sample.received_power:.2f}"
         mask = sum(1 << place for place in ranges)

@@ -7,6 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
+from clt.devices.decoders.ndjson import MAX_RANGE_M, MAX_SPEED
 from clt.devices.encoders.encoder import OUT_OF_SCALE, Timed
 from clt.devices.samples import (
     ImuSample,
@@ -17,6 +18,8 @@ from clt.devices.samples import (
     Sample,
     SteeringSample,
 )
+
+LIMIT = min(MAX_RANGE_M, MAX_SPEED)
 
 
 class NdjsonEncoder:
@@ -29,7 +32,7 @@ class NdjsonEncoder:
         sent = []
         for sample in samples:
             said = _said(sample)
-            if said is None:
+            if said is None or not _within_limits(sample):
                 self.left_out[OUT_OF_SCALE] += 1
                 continue
             known = {key: value for key, value in said.items() if not _unknown(value)}
@@ -41,6 +44,24 @@ class NdjsonEncoder:
 
     def finish(self) -> Sequence[Timed]:
         return ()
+
+
+def _within_limits(sample: Sample) -> bool:
+    """Whether the decoder takes it."""
+    match sample:
+        case RangeSample():
+            sizes = [sample.distance, sample.raw_distance]
+        case OdometrySample():
+            sizes = [sample.v, 0.0 if math.isnan(sample.omega) else sample.omega]
+        case PoseSample():
+            sizes = [sample.x, sample.y, 0.0 if math.isnan(sample.heading) else sample.heading]
+        case SteeringSample():
+            sizes = [sample.angle]
+        case PacketSample() if sample.odometry_ticks is not None:
+            sizes = [sample.v, sample.omega]
+        case _:
+            sizes = []
+    return all(abs(size) <= LIMIT for size in sizes)
 
 
 def _unknown(value: object) -> bool:

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from clt.devices.decoders.qorvo_cli import MAX_RANGE_CM
-from clt.devices.encoders.encoder import OUT_OF_SCALE, Timed
+from clt.devices.encoders.encoder import OUT_OF_SCALE, Timed, whole
 from clt.devices.samples import RangeSample, Sample
 
 
@@ -24,8 +24,8 @@ class QorvoEncoder:
             if not isinstance(sample, RangeSample):
                 continue
             peer = sample.target if sample.source == self._node else sample.source
-            distance = round(sample.distance * 100.0)
-            if abs(distance) >= MAX_RANGE_CM:
+            distance = whole(sample.distance, 0.01, MAX_RANGE_CM)
+            if distance is None:
                 self.left_out[OUT_OF_SCALE] += 1
                 continue
             power = ""

@@ -13,6 +13,7 @@ from clt.devices.decoders.rcl import (
     INERTIAL_FRAME,
     MARK,
     MAX_RANGE_M,
+    MAX_SPEED,
     NS_PER_MS,
     RANGE,
     RANGE_FRAME,
@@ -25,6 +26,9 @@ from clt.devices.samples import ImuSample, OdometrySample, RangeSample, Sample
 
 DEFAULT_INTERVAL_MS = 50
 MAX_INTERVAL_MS = 255
+MAX_MS = 0xFFFFFFFF
+MAX_SENT_SPEED = MAX_SPEED - 1.0
+"""m/s or rad/s, so that no rounding exceeds what the decoder takes."""
 
 
 class RclEncoder:
@@ -45,32 +49,45 @@ class RclEncoder:
         return sent
 
     def _frame(self, sample: Sample) -> bytes | None:
+        """The frame of a sample; None for one out of scale."""
         time_ms = round((sample.device_ns or 0) / NS_PER_MS)
-        ms = time_ms & 0xFFFFFFFF
         match sample:
             case RangeSample():
-                if not abs(sample.raw_distance) < MAX_RANGE_M:
-                    return None
-                one, other = sorted((int(sample.source), int(sample.target)))
-                return RANGE_FRAME.pack(_head(RANGE), ms, one, other, sample.raw_distance, END)
+                return _range(sample, time_ms & MAX_MS)
             case OdometrySample():
-                interval = time_ms - self._latest_ms.get(sample.node, time_ms - DEFAULT_INTERVAL_MS)
+                latest_ms = self._latest_ms.get(sample.node, time_ms - DEFAULT_INTERVAL_MS)
                 self._latest_ms[sample.node] = time_ms
-                interval = min(max(interval, 1), MAX_INTERVAL_MS)
-                dx, dphi = (value * interval / 1e3 for value in (sample.v, sample.omega))
-                node = int(sample.node)
-                return WHEELS_FRAME.pack(_head(WHEELS), ms, node, interval, dx, 0.0, dphi, END)
+                interval = min(max(time_ms - latest_ms, 1), MAX_INTERVAL_MS)
+                return _wheels(sample, time_ms & MAX_MS, interval)
             case ImuSample():
-                values = [round(one / ACCELERATION_SCALE) for one in sample.acceleration]
-                values += [round(one / RATE_SCALE) for one in sample.rate]
-                try:
-                    return INERTIAL_FRAME.pack(_head(INERTIAL), ms, int(sample.node), *values, END)
-                except struct.error:
-                    return None
+                return _inertial(sample, time_ms & MAX_MS)
         return None
 
     def finish(self) -> Sequence[Timed]:
         return ()
+
+
+def _range(sample: RangeSample, ms: int) -> bytes | None:
+    if not abs(sample.raw_distance) < MAX_RANGE_M:
+        return None
+    one, other = sorted((int(sample.source), int(sample.target)))
+    return RANGE_FRAME.pack(_head(RANGE), ms, one, other, sample.raw_distance, END)
+
+
+def _wheels(sample: OdometrySample, ms: int, interval: int) -> bytes | None:
+    if not (abs(sample.v) < MAX_SENT_SPEED and abs(sample.omega) < MAX_SENT_SPEED):
+        return None
+    dx, dphi = sample.v * interval / 1e3, sample.omega * interval / 1e3
+    return WHEELS_FRAME.pack(_head(WHEELS), ms, int(sample.node), interval, dx, 0.0, dphi, END)
+
+
+def _inertial(sample: ImuSample, ms: int) -> bytes | None:
+    try:
+        values = [round(one / ACCELERATION_SCALE) for one in sample.acceleration]
+        values += [round(one / RATE_SCALE) for one in sample.rate]
+        return INERTIAL_FRAME.pack(_head(INERTIAL), ms, int(sample.node), *values, END)
+    except (struct.error, ValueError, OverflowError):
+        return None
 
 
 def _head(kind: int) -> bytes:

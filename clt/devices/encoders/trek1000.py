@@ -17,7 +17,7 @@ from clt.devices.decoders.trek1000 import (
     NS_PER_MS,
     OF_ANCHORS,
 )
-from clt.devices.encoders.encoder import NOT_CARRIED_PAIR, OUT_OF_SCALE, TOO_MANY, Timed
+from clt.devices.encoders.encoder import NOT_CARRIED_PAIR, OUT_OF_SCALE, TOO_MANY, Timed, whole
 from clt.devices.samples import RangeSample, Sample
 
 ANCHORS = 4
@@ -51,17 +51,18 @@ class Trek1000Encoder:
             if not isinstance(sample, RangeSample):
                 continue
             where = _place(sample.source, sample.target)
-            values = [round(one * 1000.0) for one in (sample.distance, sample.raw_distance)]
+            value = whole(sample.distance, 1e-3, MAX_RANGE_MM)
+            raw_value = whole(sample.raw_distance, 1e-3, MAX_RANGE_MM)
             if where is None:
                 self.left_out[NOT_CARRIED_PAIR] += 1
-            elif max(map(abs, values)) >= MAX_RANGE_MM or (where[0] == OF_ANCHORS and 0 in values):
+            elif value is None or raw_value is None or (where[0] == OF_ANCHORS and value == 0):
                 self.left_out[OUT_OF_SCALE] += 1
             else:
                 corrected, raw = exchanges.setdefault(where[0], ({}, {}))
                 if where[1] in corrected:
                     self.left_out[TOO_MANY] += 1
                     continue
-                corrected[where[1]], raw[where[1]] = values
+                corrected[where[1]], raw[where[1]] = value, raw_value
         sent: list[Timed] = []
         for tag, (corrected, raw) in exchanges.items():
             time_ns = samples[0].device_ns or 0

@@ -15,6 +15,7 @@ from clt.devices.decoders.vesc import (
     VescSettings,
     vesc_frame,
 )
+from clt.devices.decoders.vesc_values import MAX_SPEED
 from clt.devices.encoders.encoder import OUT_OF_SCALE, Timed
 from clt.devices.samples import OdometrySample, Sample
 
@@ -25,8 +26,9 @@ MAX_ERPM = (1 << 31) - 1
 
 def erpm_of(v: float, gain: float, offset: float) -> int | None:
     """Electrical revolutions per minute at a speed in m/s; None for one out of scale."""
-    erpm = round(v * gain + offset)
-    return erpm if abs(erpm) <= MAX_ERPM else None
+    if not abs(v) < MAX_SPEED - 1.0 or abs(v * gain + offset) > MAX_ERPM:
+        return None
+    return round(v * gain + offset)
 
 
 def values_reply(erpm: int, mask: int | None) -> bytes:

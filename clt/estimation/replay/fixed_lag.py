@@ -14,7 +14,7 @@ import numpy as np
 
 from clt.core.recording import Floats, Indices, Stamps
 from clt.model.arrivals import ArrivalOrder
-from clt.model.inputs import Outputs, RangeTable, TwistSegments, join_segments, no_segments
+from clt.model.filter_inputs import Outputs
 from clt.model.known_odometry import (
     OdometryInput,
     arrived_segments,
@@ -22,8 +22,10 @@ from clt.model.known_odometry import (
     segments_after,
 )
 from clt.model.problem import Problem
+from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings, NoiseSettings
 from clt.model.solution import Filter, Solution
+from clt.model.twist_segments import TwistSegments, join_segments, no_segments
 
 RANGE_NEVER_FUSED = -1
 """Verdict on a range that no run came to."""

@@ -2,7 +2,7 @@
 
 The estimate at time t is the filter's for stamp t, given the messages with `log_time` <= t. Those
 that come late are fused at their own stamps, up to `received.lag`; ranges that come later still are
-left out and counted, and odometry that does tells the latest twist but changes the past no more.
+left out and counted, and odometry that does gives the latest twist but no longer changes the past.
 Until a robot's next odometry arrives its last twist is held, less and less certain.
 
 Who takes part and where all start is given; nothing else comes from the future of t.
@@ -24,7 +24,6 @@ from clt.estimation.estimators import (
     Estimator,
     make_posterior,
     overconfident,
-    trajectories_by_robot,
 )
 from clt.estimation.posterior import Posterior, add_diagnostics
 from clt.estimation.replay.fixed_lag import (
@@ -33,12 +32,13 @@ from clt.estimation.replay.fixed_lag import (
     outputs_at_times,
     solve_fixed_lag,
 )
+from clt.estimation.trajectories import trajectories_by_robot
 from clt.filters.kalman.free import use_first_estimates
 from clt.filters.kalman.gaussian import solve_ekf
 from clt.model.arrivals import arrival_order, inflate_by_arrived_ranges, replay_epochs
 from clt.model.choices import FrameSpec
-from clt.model.inputs import RangeTable, range_correlation_time
 from clt.model.known_odometry import OdometryInput, make_odometry_input
+from clt.model.noise import range_correlation_time
 from clt.model.problem import (
     WORLD_FRAME_SPEC,
     Problem,
@@ -46,6 +46,7 @@ from clt.model.problem import (
     choose_states,
     range_measurements,
 )
+from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings, NoiseSettings
 from clt.model.state_space import WORLD_REFERENCE
 
@@ -159,7 +160,7 @@ def ranges_in_time(
 def decide_jacobians(settings: FilterSettings, problem: Problem) -> FilterSettings:
     """The settings with `jacobians` decided for all of a run by the ranges of all of it.
 
-    Single steps cannot tell: they see the ranges of a moment.
+    Single steps cannot decide: they see the ranges of a moment.
     """
     if settings.jacobians != "auto" or np.any(problem.space.base != WORLD_REFERENCE):
         return settings

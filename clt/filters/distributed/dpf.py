@@ -21,10 +21,10 @@ from clt.filters.distributed.consensus import (
     connected_groups,
     traffic_by_robot,
 )
+from clt.filters.distributed.member import DistributedMember
 from clt.filters.distributed.points import INDEX_BYTES, ParticleMember, draw_copies
 from clt.filters.distributed.rounds import ranges_at_round_end, select_ranges
 from clt.filters.distributed.team import (
-    DistributedMember,
     DistributedTeam,
     apply_outages,
     assemble_team,
@@ -35,7 +35,7 @@ from clt.filters.distributed.team import (
     unreachable_seconds,
 )
 from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
-from clt.model.inputs import Outputs
+from clt.model.filter_inputs import Outputs
 from clt.model.problem import Problem
 from clt.model.settings import FilterSettings
 from clt.model.solution import Solution

@@ -35,9 +35,10 @@ from clt.filters.mixture.reduction import MergeWorkspace, make_merge_workspace
 from clt.filters.mixture.splitting import split_prior_headings
 from clt.jit.compiled import compiled_noalloc
 from clt.model.belief import Belief
-from clt.model.inputs import Outputs, RangeTable
+from clt.model.filter_inputs import Outputs
 from clt.model.problem import Problem
 from clt.model.range_model import predict_range
+from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings
 
 PARABOLA_NUMBERS = 3
@@ -152,10 +153,8 @@ class GaussianMember:
 
     def _run(self, until: int, table: RangeTable, outputs: Outputs, trace: MixtureOutput) -> None:
         """Run the mixture up to a time (ns)."""
-        mixture_kernel(
-            self.bank, until, self.problem.space, self.problem.lever, self.problem.segments, table,
-            outputs, self.gate, self.desk, trace,
-        )  # fmt: skip
+        problem = replace(self.problem, ranges=table, outputs=outputs, end=until)
+        mixture_kernel(self.bank, problem.inputs, self.gate, self.desk, trace)
 
 
 def make_gaussian_member(

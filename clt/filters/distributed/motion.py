@@ -14,8 +14,8 @@ import numpy as np
 
 from clt.core.recording import Floats, Indices, Stamps
 from clt.jit.compiled import compiled_noalloc, inlined
-from clt.model.inputs import TwistSegments
 from clt.model.state_space import StateSpace, corrected_twist, move_blocks
+from clt.model.twist_segments import TwistSegments
 
 SPLITMIX_STEP = np.uint64(0x9E3779B97F4A7C15)
 """SplitMix64's step."""

@@ -26,10 +26,11 @@ from clt.filters.mixture.gaussian_sum import MixtureOutput
 from clt.filters.particle.resampling import MIN_EFFECTIVE_SHARE, effective_sample_size
 from clt.jit.compiled import compiled_noalloc
 from clt.model.belief import Belief, sample_prior
-from clt.model.inputs import Outputs, RangeTable
+from clt.model.filter_inputs import Outputs
 from clt.model.mixture_moments import ROWS, mixture_block_moments, particle_mode_probability
 from clt.model.problem import Problem
 from clt.model.range_model import predict_distance
+from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings
 from clt.model.state_space import StateSpace
 

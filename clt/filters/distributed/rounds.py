@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from clt.core.recording import Floats, Indices, Stamps
 from clt.jit.compiled import compiled_noalloc
-from clt.model.inputs import RangeTable, TwistSegments
 from clt.model.problem import Problem
 from clt.model.range_model import predict_distance
+from clt.model.range_table import RangeTable
 from clt.model.state_space import StateSpace, corrected_twist, move_blocks
+from clt.model.twist_segments import TwistSegments
 
 Bools = NDArray[np.bool_]
 

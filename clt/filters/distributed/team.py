@@ -14,6 +14,7 @@ import numpy as np
 from clt.core.recording import Floats, Indices, Stamps
 from clt.filters.distributed.consensus import Bools, LossyNetwork, communication_links, make_network
 from clt.filters.distributed.gaussians import GaussianMember, make_gaussian_member
+from clt.filters.distributed.member import DistributedMember
 from clt.filters.distributed.points import ParticleMember, make_particle_member
 from clt.filters.distributed.rounds import (
     Outage,
@@ -26,7 +27,6 @@ from clt.filters.mixture.gaussian_sum import MixtureOutput, make_mixture_output
 from clt.model.problem import Problem
 from clt.model.settings import FilterSettings
 
-DistributedMember = ParticleMember | GaussianMember
 MAX_SILENCE_NS = 1_000_000_000
 """A robot without odometry for longer than this, ns, has dropped out ..."""
 MAX_SILENT_SAMPLES = 3

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clt.core.recording import Floats
-from clt.model.inputs import RangeTable, TwistSegments
+from clt.model.range_table import RangeTable
 from clt.model.state_space import MAX_STANDSTILL_TWIST, StateSpace
+from clt.model.twist_segments import TwistSegments
 
 
 class MotionStep(NamedTuple):

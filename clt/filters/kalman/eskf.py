@@ -29,9 +29,11 @@ from clt.filters.kalman.free import (
 from clt.filters.kalman.updates import UpdateWorkspace
 from clt.jit.compiled import compiled_noalloc, inlined
 from clt.model.covariance_propagation import propagate_blocks
-from clt.model.inputs import Outputs, RangeTable, TwistSegments
+from clt.model.filter_inputs import EventSchedule, FilterInputs
 from clt.model.range_model import predict_range
-from clt.model.state_space import StateSpace, world_state_space
+from clt.model.range_table import RangeTable
+from clt.model.state_space import StateSpace
+from clt.model.twist_segments import TwistSegments
 from clt.model.unicycle import exact_arc, process_noise
 
 MIN_BATCH_ROBOTS, MIN_BATCH_RANGES_PER_ROBOT = 12, 6
@@ -55,6 +57,17 @@ class KalmanOutput(NamedTuple):
     """RANGE_REJECTED or RANGE_USED."""
     last_mean: Floats
     last_covariance: Floats
+
+
+class EskfOptions(NamedTuple):
+    """How the filter works."""
+
+    gate: float
+    """Chi-square bound of one range, 0 for none."""
+    form: int
+    """Of the process noise."""
+    first: bool = False
+    """First-estimates Jacobians of poses in the world instead of those at the latest estimate."""
 
 
 class EskfMemory(NamedTuple):
@@ -225,41 +238,47 @@ def write_pose_output(
 
 @compiled_noalloc
 def add_output_curvature(
-    state: EskfState, space: StateSpace, segments: TwistSegments, ranges: RangeTable, m: int,
-    outputs: Outputs,
-    o: int, free: UnobservableDirections, run: KalmanOutput,
-) -> None:  # fmt: skip
+    state: EskfState,
+    inputs: FilterInputs,
+    m: int,
+    o: int,
+    free: UnobservableDirections,
+    run: KalmanOutput,
+) -> None:
     """Add to output o that a wide turn leads along a circle; found with the first of an instant."""
+    space, outputs = inputs.space, inputs.outputs
     if o == 0 or outputs.stamp[o - 1] != outputs.stamp[o]:
-        find_turn_variance(state.x, state.P, space, ranges, m, segments, state.cursor, free)
+        find_turn_variance(
+            state.x, state.P, space, inputs.ranges, m, inputs.segments, state.cursor, free
+        )
     add_turn_curvature(state.x, space, outputs.robot[o], free, run.covariance[o])
 
 
 @compiled_noalloc
 def eskf_kernel(
-    state: EskfState, start: int, end: int, space: StateSpace, lever: Floats,
-    segments: TwistSegments,
-    ranges: RangeTable, outputs: Outputs, gate: float, form: int, first: bool,
-    free: UnobservableDirections, large: int | None, work: UpdateWorkspace, run: KalmanOutput,
-) -> None:  # fmt: skip
+    state: EskfState,
+    inputs: FilterInputs,
+    options: EskfOptions,
+    free: UnobservableDirections,
+    large: int | None,
+    work: UpdateWorkspace,
+    run: KalmanOutput,
+) -> None:
     """The filter over a whole log: fills `run`; `state` ends as the last posterior.
 
     Ranges of one stamp are fused together, before the outputs of that stamp.
     """
-    M, O = ranges.stamp.size, outputs.stamp.size  # noqa: E741 - m of M, o of O
+    space, lever, segments, ranges, outputs, events, now, end = inputs
+    gate, form, first = options
     # A literal 0 would compile all that is called with it once more.
-    m: int = np.int64(0)  # type: ignore[assignment]  # numpy's integer
-    o, now, turns, hold = m, start, m, free.active != 0
-    while m < M or o < O:
-        now = outputs.stamp[o] if o < O else ranges.stamp[m]
-        if m < M:
-            now = min(now, ranges.stamp[m])
-        last = m
-        while last < M and ranges.stamp[last] == now:
-            a, b = ranges.a[last], ranges.b[last]
+    turns: int = np.int64(0)  # type: ignore[assignment]  # numpy's integer
+    hold = free.active != 0
+    for e in range(events.stamp.size):
+        now, m, last = events.stamp[e], events.first_range[e], events.first_range[e + 1]
+        for k in range(m, last):
+            a, b = ranges.a[k], ranges.b[k]
             advance_block(state, a, now, segments, space, form, b < 0)
             advance_block(state, b, now, segments, space, form, a < 0)
-            last += 1
         if last > m:
             compute_innovations(state, lever, ranges, m, last, gate, work, run)
             if hold:
@@ -271,22 +290,28 @@ def eskf_kernel(
                 replace_unobservable(
                     state.x, state.P, space, ranges, m, last, segments, state.cursor, free, turns
                 )
-            m = last
-        while o < O and outputs.stamp[o] == now:
+        for o in range(events.first_output[e], events.first_output[e + 1]):
             i = outputs.robot[o]
             advance_block(state, i, now, segments, space, form, True)
             write_pose_output(state.x, state.P, i, run.mean, run.covariance, o)
             if hold:
-                add_output_curvature(state, space, segments, ranges, m, outputs, o, free, run)
-            o += 1
+                add_output_curvature(state, inputs, last, o, free, run)
     for d in range(state.time.size):
         propagate_driver(state, d, max(now, end), segments, space, form)
 
 
-def max_ranges_per_stamp(stamp: Stamps) -> int:
-    """How often the most frequent of the sorted stamps occurs."""
-    first = np.flatnonzero(np.diff(stamp, prepend=stamp[:1] - 1))
-    return int(np.diff(first, append=stamp.size).max(initial=0))
+def make_kalman_output(inputs: FilterInputs, x: Floats, P: Floats) -> KalmanOutput:
+    """Room for what a run gives back; `x` and `P` become its last mean and covariance."""
+    M, O = inputs.ranges.stamp.size, inputs.outputs.stamp.size  # noqa: E741 - o of O
+    return KalmanOutput(
+        np.empty((O, 3)), np.empty((O, 3, 3)),
+        np.empty(M), np.empty(M), np.empty(M, np.int64), x, P,
+    )  # fmt: skip
+
+
+def max_ranges_per_event(events: EventSchedule) -> int:
+    """How many ranges the fullest instant has."""
+    return int(np.diff(events.first_range).max(initial=0))
 
 
 def initial_memory(n: int) -> EskfMemory:
@@ -297,47 +322,29 @@ def initial_memory(n: int) -> EskfMemory:
 def run_eskf(
     mean: Floats,
     covariance: Floats,
-    start: int,
-    lever: Floats,
-    segments: TwistSegments,
-    ranges: RangeTable,
-    outputs: Outputs,
+    inputs: FilterInputs,
+    options: EskfOptions,
     *,
-    gate: float,
-    form: int,
-    first: bool = False,
     free: UnobservableDirections | None = None,
-    space: StateSpace | None = None,
-    end: int | None = None,
     memory: EskfMemory | None = None,
 ) -> KalmanOutput:
-    """Filter one log: joint mean (N,) and covariance (N, N) at `start` (ns), lever (B, 2).
+    """Filter one log from a joint mean (N,) and covariance (N, N) at the start of the inputs.
 
-    gate: chi-square bound of one range, 0 for none; form: of the process noise;
-    first: first-estimates Jacobians of poses in the world instead of those at the latest estimate;
-    free: the same of poses in body frames, by default not; space: by default
-    the world's, one block for each robot that has segments; end: ns, up to where all are carried
-    in the end, by default the last stamp of the ranges and outputs; memory: of the run to go on
-    from, by default of none; this run's own in the end.
+    free: directions to hold in body frames, by default none; memory: of the run to go on from, by
+    default of none; this run's own in the end.
     Linear algebra runs in one thread: at these sizes a second one costs more than it helps.
     """
     x, P = mean.astype(np.float64), covariance.astype(np.float64)
-    space = world_state_space(segments.first.size - 1) if space is None else space
-    n, M, O = space.who.size, ranges.stamp.size, outputs.stamp.size  # noqa: E741
+    n, drivers = inputs.space.who.size, inputs.segments.first.size - 1
     memory = initial_memory(n) if memory is None else memory
     state = EskfState(
-        x, P, np.full(segments.first.size - 1, start), segments.first[:-1].copy(),
+        x, P, np.full(drivers, inputs.start), inputs.segments.first[:-1].copy(),
         memory.shift, np.zeros((n, 2)), np.zeros((x.size, 2)),
     )  # fmt: skip
-    work = updates.make_update_workspace(max_ranges_per_stamp(ranges.stamp), x.size)
-    result = KalmanOutput(
-        np.empty((O, 3)), np.empty((O, 3, 3)),
-        np.empty(M), np.empty(M), np.empty(M, np.int64), x, P,
-    )  # fmt: skip
+    work = updates.make_update_workspace(max_ranges_per_event(inputs.events), x.size)
+    result = make_kalman_output(inputs, x, P)
     large = MIN_BATCH_RANGES_PER_ROBOT if n >= MIN_BATCH_ROBOTS else None
+    free = inactive_directions() if free is None else free
     with threadpool_limits(1, "blas") if large is not None else nullcontext():
-        eskf_kernel(
-            state, start, start if end is None else end, space, lever, segments, ranges, outputs,
-            gate, form, first, inactive_directions() if free is None else free, large, work, result,
-        )  # fmt: skip
+        eskf_kernel(state, inputs, options, free, large, work, result)
     return result

@@ -19,7 +19,7 @@ import numpy as np
 
 from clt.core.recording import Floats, Indices, Stamps
 from clt.jit.compiled import compiled_noalloc, inlined
-from clt.model.inputs import RangeTable
+from clt.model.range_table import RangeTable
 
 BLOCKED_SHARE, MEAN_BLOCKED_S = 0.1, 3.0
 """Share of time that a pair is blocked, and for how long at a time (s)."""

@@ -21,10 +21,11 @@ import numpy as np
 from clt.core.recording import Floats, Indices
 from clt.filters.kalman.unscented import cholesky_upper
 from clt.jit.compiled import compiled_noalloc, inlined
-from clt.model.inputs import RangeTable, TwistSegments
 from clt.model.problem import Problem
+from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings
 from clt.model.state_space import MAX_STANDSTILL_TWIST, WORLD_REFERENCE, StateSpace
+from clt.model.twist_segments import TwistSegments
 
 MIN_FIXED_ROBOTS = 2
 """Robots of known position that hold a team in the world."""

@@ -49,17 +49,9 @@ def filter_eskf(problem: Problem, settings: FilterSettings, *, hold: bool) -> So
     run = eskf.run_eskf(
         problem.mean,
         problem.covariance,
-        problem.start,
-        problem.lever,
-        problem.segments,
-        problem.ranges,
-        problem.outputs,
-        gate=settings.gate,
-        form=form,
-        first=hold and not relative,
+        problem.inputs,
+        eskf.EskfOptions(settings.gate, form, hold and not relative),
         free=directions_for_problem(problem, hold and relative),
-        space=problem.space,
-        end=problem.end,
         memory=memory,
     )
     return Solution(

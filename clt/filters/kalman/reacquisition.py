@@ -34,8 +34,8 @@ from clt.filters.kalman.trail import (
     resume_problem,
 )
 from clt.model.belief import Belief
-from clt.model.inputs import RangeTable
 from clt.model.problem import Problem
+from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings
 from clt.model.solution import Filter, Solution
 

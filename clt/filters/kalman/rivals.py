@@ -9,7 +9,7 @@ import numpy as np
 
 from clt.core.recording import Floats, Indices
 from clt.model.belief import Belief
-from clt.model.inputs import RangeTable
+from clt.model.range_table import RangeTable
 
 HEADINGS_TRIED = 8
 """How many headings are tried, evenly spaced from that which is believed."""

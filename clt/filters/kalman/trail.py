@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.core.recording import Floats, Stamps
-from clt.model.inputs import Outputs, RangeTable
+from clt.model.filter_inputs import Outputs
 from clt.model.known_odometry import segments_after
 from clt.model.problem import Problem
+from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings
 from clt.model.solution import Filter, Solution
 

@@ -20,7 +20,8 @@ from clt.filters.kalman.eskf import (
     RANGE_REJECTED,
     RANGE_USED,
     KalmanOutput,
-    max_ranges_per_stamp,
+    make_kalman_output,
+    max_ranges_per_event,
     write_pose_output,
 )
 from clt.filters.kalman.free import (
@@ -49,12 +50,14 @@ from clt.filters.kalman.unscented import (
 )
 from clt.jit.compiled import compiled_noalloc, inlined
 from clt.model.covariance_propagation import add_input_noise, input_noise_gains
-from clt.model.inputs import Outputs, RangeTable, TwistSegments
+from clt.model.filter_inputs import FilterInputs
 from clt.model.problem import Problem
 from clt.model.range_model import predict_distance
+from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings
 from clt.model.solution import Solution
 from clt.model.state_space import StateSpace, corrected_twist, move_block, move_blocks
+from clt.model.twist_segments import TwistSegments
 from clt.model.unicycle import SHI_NOISE, process_noise
 
 
@@ -247,38 +250,38 @@ def unscented_update(
 
 @compiled_noalloc
 def ukf_kernel(
-    state: UkfState, points: SigmaPoints, start: int, end: int, space: StateSpace, lever: Floats,
-    segments: TwistSegments, ranges: RangeTable, outputs: Outputs, gate: float,
-    form: int, free: UnobservableDirections, measured: MeasurementMoments, run: KalmanOutput,
-) -> None:  # fmt: skip
+    state: UkfState,
+    points: SigmaPoints,
+    inputs: FilterInputs,
+    gate: float,
+    form: int,
+    free: UnobservableDirections,
+    measured: MeasurementMoments,
+    run: KalmanOutput,
+) -> None:
     """The filter over a whole log: fills `run`; `state` ends as the last posterior.
 
     Ranges of one stamp are fused together, before the outputs of that stamp.
     """
-    M, O = ranges.stamp.size, outputs.stamp.size  # noqa: E741
+    space, lever, segments, ranges, outputs, events, now, end = inputs
     # As in `eskf_kernel`: a literal 0 would compile all that is called with it once more.
-    m: int = np.int64(0)  # type: ignore[assignment]
-    o, now = m, start
-    while m < M or o < O:
-        stamp = outputs.stamp[o] if o < O else ranges.stamp[m]
-        if m < M:
-            stamp = min(stamp, ranges.stamp[m])
-        propagate_to_time(state, points, space, segments, ranges, m, free, now, stamp, form)
-        now, last = stamp, m
-        while last < M and ranges.stamp[last] == now:
-            last += 1
+    last: int = np.int64(0)  # type: ignore[assignment]
+    for e in range(events.stamp.size):
+        m, last = events.first_range[e], events.first_range[e + 1]
+        propagate_to_time(
+            state, points, space, segments, ranges, m, free, now, events.stamp[e], form
+        )
+        now = events.stamp[e]
         if last > m:
             unscented_update(
                 state, points, lever, ranges, m, last, gate, space, segments, free, measured, run,
             )  # fmt: skip
-            m = last
-        if o < O and outputs.stamp[o] == now:
-            find_turn_variance(state.x, state.P, space, ranges, m, segments, state.cursor, free)
-        while o < O and outputs.stamp[o] == now:
+        if events.first_output[e] < events.first_output[e + 1]:
+            find_turn_variance(state.x, state.P, space, ranges, last, segments, state.cursor, free)
+        for o in range(events.first_output[e], events.first_output[e + 1]):
             write_pose_output(state.x, state.P, outputs.robot[o], run.mean, run.covariance, o)
             add_turn_curvature(state.x, space, outputs.robot[o], free, run.covariance[o])
-            o += 1
-    propagate_to_time(state, points, space, segments, ranges, m, free, now, max(now, end), form)
+    propagate_to_time(state, points, space, segments, ranges, last, free, now, max(now, end), form)
 
 
 def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:
@@ -300,19 +303,19 @@ def filter_ukf(problem: Problem, settings: FilterSettings, *, hold: bool) -> Sol
     """Run the filter alone; `hold` what no range tells (`free`), decided once for a whole log."""
     form = process_noise_form(problem, settings)
     x, P = problem.mean.astype(np.float64), problem.covariance.astype(np.float64)
-    segments, ranges = problem.segments, problem.ranges
-    state = UkfState(x, P, segments.first[:-1].copy(), np.zeros((x.size, 2)))
-    M, O = ranges.stamp.size, problem.outputs.stamp.size  # noqa: E741
-    run = KalmanOutput(
-        np.empty((O, 3)), np.empty((O, 3, 3)),
-        np.empty(M), np.empty(M), np.empty(M, np.int64), x, P,
-    )  # fmt: skip
+    inputs = problem.inputs
+    state = UkfState(x, P, inputs.segments.first[:-1].copy(), np.zeros((x.size, 2)))
+    run = make_kalman_output(inputs, x, P)
     ukf_kernel(
-        state, make_sigma_points(x.size, settings.ukf), problem.start, problem.end, problem.space,
-        problem.lever, segments, ranges, problem.outputs, settings.gate,
-        form, directions_for_problem(problem, hold),
-        make_measurement_moments(max_ranges_per_stamp(ranges.stamp), x.size), run,
-    )  # fmt: skip
+        state,
+        make_sigma_points(x.size, settings.ukf),
+        inputs,
+        settings.gate,
+        form,
+        directions_for_problem(problem, hold),
+        make_measurement_moments(max_ranges_per_event(inputs.events), x.size),
+        run,
+    )
     return Solution(
         run.mean, run.covariance, run.residual, run.variance, run.verdict,
         np.zeros(len(problem.robots), np.int64), single_gaussian(x, P),

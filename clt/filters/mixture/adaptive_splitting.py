@@ -20,7 +20,7 @@ from clt.filters.mixture.splitting import (
     split_gaussian,
 )
 from clt.jit.compiled import compiled_noalloc
-from clt.model.inputs import RangeTable
+from clt.model.range_table import RangeTable
 from clt.model.state_space import StateSpace
 
 MAX_HEADING_SIGMA = 0.1

@@ -18,11 +18,13 @@ from clt.filters.kalman.updates import covariance_times_row, projected_variance
 from clt.jit.compiled import compiled_noalloc
 from clt.model.belief import Belief
 from clt.model.covariance_propagation import propagate_blocks
-from clt.model.inputs import Outputs, RangeTable, TwistSegments
+from clt.model.filter_inputs import Outputs
 from clt.model.mutual import is_mutual, set_inverse
 from clt.model.problem import Problem
 from clt.model.range_model import antenna_with_derivative, predict_range
+from clt.model.range_table import RangeTable
 from clt.model.state_space import StateSpace
+from clt.model.twist_segments import TwistSegments
 
 TANGENT_ROW = 1
 """Row of J, H that holds the displacement across the line of sight; row 0 is that along it."""

@@ -28,7 +28,7 @@ from clt.filters.mixture.gaussian_sum import (
 from clt.filters.mixture.reduction import MergeWorkspace, make_merge_workspace, reduce_mixture
 from clt.filters.mixture.splitting import split_prior_headings
 from clt.jit.compiled import compiled_noalloc
-from clt.model.inputs import Outputs, RangeTable, TwistSegments
+from clt.model.filter_inputs import FilterInputs
 from clt.model.mixture_moments import leading_mode_probability, mixture_block_moments
 from clt.model.problem import Problem
 from clt.model.settings import FilterSettings
@@ -52,10 +52,7 @@ def solve_mixture(problem: Problem, settings: FilterSettings) -> Solution:
         belief = split_prior_headings(problem.prior, MAX_HEADING_SIGMA)
     bank = make_gaussian_sum(belief, problem, CAPACITY_FACTOR * gaussians_kept(problem, settings))
     trace = make_mixture_output(problem.outputs, problem.ranges)
-    mixture_kernel(
-        bank, problem.end, problem.space, problem.lever, problem.segments, problem.ranges,
-        problem.outputs, settings.gate, make_merge_workspace(bank), trace,
-    )  # fmt: skip
+    mixture_kernel(bank, problem.inputs, settings.gate, make_merge_workspace(bank), trace)
     return Solution(
         trace.mean, trace.covariance, trace.residual, trace.variance, trace.verdict,
         np.zeros(len(problem.robots), np.int64), gaussian_sum_belief(bank), trace.share,
@@ -76,17 +73,18 @@ def gaussians_kept(problem: Problem, settings: FilterSettings) -> int:
 
 @compiled_noalloc
 def mixture_kernel(
-    bank: GaussianSum, end: int, space: StateSpace, lever: Floats, segments: TwistSegments,
-    ranges: RangeTable,
-    outputs: Outputs, gate: float, desk: MergeWorkspace, trace: MixtureOutput,
-) -> None:  # fmt: skip
+    bank: GaussianSum,
+    inputs: FilterInputs,
+    gate: float,
+    desk: MergeWorkspace,
+    trace: MixtureOutput,
+) -> None:
     """The filter over a whole log: fills `trace`; `bank` ends as the last posterior."""
-    M, O = ranges.stamp.size, outputs.stamp.size  # noqa: E741
-    m: int = np.int64(0)  # type: ignore[assignment]
-    o = m
-    while m < M or o < O:
-        if m < M and (o == O or ranges.stamp[m] <= outputs.stamp[o]):
-            now, a, b = ranges.stamp[m], ranges.a[m], ranges.b[m]
+    space, lever, segments, ranges, outputs, events, _, end = inputs
+    for e in range(events.stamp.size):
+        now = events.stamp[e]
+        for m in range(events.first_range[e], events.first_range[e + 1]):
+            a, b = ranges.a[m], ranges.b[m]
             advance_sum_block(bank, a, now, segments, space, b < 0)
             advance_sum_block(bank, b, now, segments, space, a < 0)
             if bank.alive[0] > MAX_FILL_SHARE * bank.log_weight.size:
@@ -95,12 +93,10 @@ def mixture_kernel(
             fuse_range(bank, lever, ranges, m, gate, trace)
             if m % RANGES_PER_REDUCTION == 0:
                 reduce_with_room(bank, space, desk)
-            m += 1
-        else:
+        for o in range(events.first_output[e], events.first_output[e + 1]):
             i = outputs.robot[o]
-            advance_sum_block(bank, i, outputs.stamp[o], segments, space, True)
+            advance_sum_block(bank, i, now, segments, space, True)
             write_sum_output(bank, i, trace, o, desk.mode)
-            o += 1
     for d in range(bank.time.size):
         propagate_sum_driver(bank, d, end, segments, space)
 

@@ -37,12 +37,11 @@ from clt.filters.particle.resampling import (
 from clt.filters.particle.sir import kernel_seed
 from clt.jit.compiled import compiled_noalloc
 from clt.model.belief import Belief
-from clt.model.inputs import Outputs, RangeTable, TwistSegments
+from clt.model.filter_inputs import FilterInputs
 from clt.model.mixture_moments import ROWS
 from clt.model.problem import Problem
 from clt.model.settings import FilterSettings
 from clt.model.solution import Solution
-from clt.model.state_space import StateSpace
 
 
 def solve_gaussian_particles(problem: Problem, settings: FilterSettings) -> Solution:
@@ -55,10 +54,15 @@ def solve_gaussian_particles(problem: Problem, settings: FilterSettings) -> Solu
     trace = make_mixture_output(problem.outputs, problem.ranges)
     K = belief.log_weight.size
     gaussian_particles_kernel(
-        bank, problem.end, problem.space, problem.lever, problem.segments, problem.ranges,
-        problem.outputs, settings.gate, kernel_seed(problem, settings), np.zeros(K, np.int64),
-        np.zeros(K, np.int64), np.zeros((ROWS, 3)), trace,
-    )  # fmt: skip
+        bank,
+        problem.inputs,
+        settings.gate,
+        kernel_seed(problem, settings),
+        np.zeros(K, np.int64),
+        np.zeros(K, np.int64),
+        np.zeros((ROWS, 3)),
+        trace,
+    )
     return Solution(
         trace.mean, trace.covariance, trace.residual, trace.variance, trace.verdict,
         np.zeros(len(problem.robots), np.int64), gaussian_sum_belief(bank),
@@ -89,30 +93,32 @@ def resample_gaussians(bank: GaussianSum, copies: Indices, source: Indices) -> N
 
 @compiled_noalloc
 def gaussian_particles_kernel(
-    bank: GaussianSum, end: int, space: StateSpace, lever: Floats, segments: TwistSegments,
-    ranges: RangeTable,
-    outputs: Outputs, gate: float, seed: int, copies: Indices, source: Indices, scratch: Floats,
+    bank: GaussianSum,
+    inputs: FilterInputs,
+    gate: float,
+    seed: int,
+    copies: Indices,
+    source: Indices,
+    scratch: Floats,
     trace: MixtureOutput,
-) -> None:  # fmt: skip
+) -> None:
     """The filter over a whole log: fills `trace`; `bank` ends as the last posterior."""
     np.random.seed(seed)  # noqa: NPY002  numba's generator of this thread
-    M, O, K = ranges.stamp.size, outputs.stamp.size, bank.alive[0]  # noqa: E741
-    m: int = np.int64(0)  # type: ignore[assignment]
-    o = m
-    while m < M or o < O:
-        if m < M and (o == O or ranges.stamp[m] <= outputs.stamp[o]):
-            now, a, b = ranges.stamp[m], ranges.a[m], ranges.b[m]
+    K = bank.alive[0]
+    space, lever, segments, ranges, outputs, events, _, end = inputs
+    for e in range(events.stamp.size):
+        now = events.stamp[e]
+        for m in range(events.first_range[e], events.first_range[e + 1]):
+            a, b = ranges.a[m], ranges.b[m]
             advance_sum_block(bank, a, now, segments, space, b < 0)
             advance_sum_block(bank, b, now, segments, space, a < 0)
             narrow_for_range(bank, space, lever, ranges, m, True)
             fuse_range(bank, lever, ranges, m, gate, trace)
             if effective_sample_size(bank.log_weight) < MIN_EFFECTIVE_SHARE * K:
                 resample_gaussians(bank, copies, source)
-            m += 1
-        else:
+        for o in range(events.first_output[e], events.first_output[e + 1]):
             i = outputs.robot[o]
-            advance_sum_block(bank, i, outputs.stamp[o], segments, space, True)
+            advance_sum_block(bank, i, now, segments, space, True)
             write_sum_output(bank, i, trace, o, scratch)
-            o += 1
     for d in range(bank.time.size):
         propagate_sum_driver(bank, d, end, segments, space)

@@ -24,14 +24,16 @@ from clt.filters.particle.resampling import (
 )
 from clt.jit.compiled import compiled_noalloc
 from clt.model.belief import Belief, sample_prior
-from clt.model.inputs import Outputs, RangeTable, TwistSegments
+from clt.model.filter_inputs import FilterInputs
 from clt.model.mixture_moments import ROWS, mixture_block_moments, particle_mode_probability
 from clt.model.mutual import is_mutual, set_inverse_mean
 from clt.model.problem import Problem
 from clt.model.range_model import predict_range
+from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings
 from clt.model.solution import Solution
 from clt.model.state_space import StateSpace, corrected_twist, move_blocks
+from clt.model.twist_segments import TwistSegments
 
 
 class ParticleSet(NamedTuple):
@@ -66,10 +68,13 @@ def solve_sir(problem: Problem, settings: FilterSettings) -> Solution:
     cloud = make_particle_set(problem, settings)
     trace = make_mixture_output(problem.outputs, problem.ranges)
     sir_kernel(
-        cloud, problem.end, problem.space, problem.lever, problem.segments, problem.ranges,
-        problem.outputs, settings.gate, kernel_seed(problem, settings),
-        is_mutual(problem.space), trace,
-    )  # fmt: skip
+        cloud,
+        problem.inputs,
+        settings.gate,
+        kernel_seed(problem, settings),
+        is_mutual(problem.space),
+        trace,
+    )
     return Solution(
         trace.mean, trace.covariance, trace.residual, trace.variance, trace.verdict,
         np.zeros(len(problem.robots), np.int64),
@@ -187,32 +192,33 @@ def resample_particles(cloud: ParticleSet, blocks: int, mutual: bool) -> None:
 
 @compiled_noalloc
 def sir_kernel(
-    cloud: ParticleSet, end: int, space: StateSpace, lever: Floats, segments: TwistSegments,
-    ranges: RangeTable,
-    outputs: Outputs, gate: float, seed: int, mutual: bool, trace: MixtureOutput,
-) -> None:  # fmt: skip
+    cloud: ParticleSet,
+    inputs: FilterInputs,
+    gate: float,
+    seed: int,
+    mutual: bool,
+    trace: MixtureOutput,
+) -> None:
     """The filter over a whole log: fills `trace`; `cloud` ends as the last posterior."""
     np.random.seed(seed)  # noqa: NPY002  numba's generator of this thread
-    M, O, K = ranges.stamp.size, outputs.stamp.size, cloud.log_weight.size  # noqa: E741
-    m: int = np.int64(0)  # type: ignore[assignment]
-    o = m
-    while m < M or o < O:
-        if m < M and (o == O or ranges.stamp[m] <= outputs.stamp[o]):
-            now, a, b = ranges.stamp[m], ranges.a[m], ranges.b[m]
+    K = cloud.log_weight.size
+    space, lever, segments, ranges, outputs, events, _, end = inputs
+    for e in range(events.stamp.size):
+        now = events.stamp[e]
+        for m in range(events.first_range[e], events.first_range[e + 1]):
+            a, b = ranges.a[m], ranges.b[m]
             advance_particle_block(cloud, a, now, segments, space, b < 0)
             advance_particle_block(cloud, b, now, segments, space, a < 0)
             weigh_particles(cloud, lever, ranges, m, gate, trace)
             if effective_sample_size(cloud.log_weight) < MIN_EFFECTIVE_SHARE * K:
                 resample_particles(cloud, space.who.size, mutual)
-            m += 1
-        else:
+        for o in range(events.first_output[e], events.first_output[e + 1]):
             i = outputs.robot[o]
-            advance_particle_block(cloud, i, outputs.stamp[o], segments, space, True)
+            advance_particle_block(cloud, i, now, segments, space, True)
             w, x = cloud.log_weight, cloud.x
             mixture_block_moments(w, x, cloud.none, K, i, trace.mean[o], trace.covariance[o])
             trace.share[o] = particle_mode_probability(
                 w, x, cloud.none, i, trace.covariance[o], cloud.scratch
             )
-            o += 1
     for d in range(cloud.time.size):
         propagate_particles(cloud, d, end, segments, space)

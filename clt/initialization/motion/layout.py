@@ -116,7 +116,7 @@ def estimate_layout(pairs: PairDistances, n: int, known: Mapping[int, Floats]) -
     """Positions of n nodes from mean distances between them.
 
     `known` positions (2,) hold the frame; with fewer than two of them it is Shi's, of nodes 0
-    and 1. Single contradicting distances are left out where the others suffice to tell.
+    and 1. Single contradicting distances are left out where the others suffice.
     """
     known = known if len(known) >= 2 else {}
     problem = _problem(pairs, n, known)

@@ -14,8 +14,8 @@ from clt.initialization.motion.frame import CandidateFrame
 from clt.initialization.motion.heading import fit_heading, track_position_fixes, widest_anchors
 from clt.initialization.pair_distances import range_sigma
 from clt.model.dead_reckoning import ReckonedPath
-from clt.model.inputs import inflated_variances, range_correlation_time
 from clt.model.motion_phases import estimate_odometry_noise, find_phases, straight_samples
+from clt.model.noise import inflated_variances, range_correlation_time
 from clt.model.settings import FilterSettings
 
 BIN_NS = 50_000_000

@@ -14,22 +14,16 @@ from numpy.typing import NDArray
 
 from clt.core.recording import Floats, Recording
 from clt.filters.kalman import eskf
-from clt.model.inputs import (
-    MIN_SIGMA_OMEGA,
-    MIN_SIGMA_V,
-    Outputs,
-    RangeTable,
-    TwistSegments,
-    join_segments,
-    no_segments,
-    range_table,
-    robot_segments,
-)
+from clt.model.filter_inputs import FilterInputs, Outputs, schedule_events
+from clt.model.noise import MIN_SIGMA_OMEGA, MIN_SIGMA_V
+from clt.model.range_table import RangeTable, range_table
 from clt.model.settings import FilterSettings, NoiseSettings
+from clt.model.state_space import world_state_space
+from clt.model.twist_segments import TwistSegments, join_segments, no_segments, robot_segments
 from clt.model.unicycle import EXACT_NOISE
 
 MAX_UNGATED_NIS = 25.0
-"""NIS beyond which a range tells no more against a hypothesis, where there is no gate."""
+"""NIS beyond which a range says no more against a hypothesis, where there is no gate."""
 NO_OUTPUTS = Outputs(np.empty(0, np.int64), np.empty(0, np.int64))
 
 
@@ -49,6 +43,20 @@ class StartWindow:
     def size(self) -> int:
         """Length of the state."""
         return 3 * len(self.moving) + 3 * len(self.floating)
+
+    @property
+    def inputs(self) -> FilterInputs:
+        """What the filter reads: poses in the world, no outputs."""
+        return FilterInputs(
+            world_state_space(self.size // 3),
+            self.lever,
+            self.segments,
+            self.ranges,
+            NO_OUTPUTS,
+            schedule_events(self.ranges, NO_OUTPUTS),
+            self.start,
+            self.start,
+        )
 
 
 def build_window(
@@ -119,13 +127,8 @@ def filter_window(window: StartWindow, mean: Floats, covariance: Floats) -> eskf
     return eskf.run_eskf(
         mean,
         covariance,
-        window.start,
-        window.lever,
-        window.segments,
-        window.ranges,
-        NO_OUTPUTS,
-        gate=window.settings.gate,
-        form=EXACT_NOISE,
+        window.inputs,
+        eskf.EskfOptions(window.settings.gate, EXACT_NOISE),
     )
 
 

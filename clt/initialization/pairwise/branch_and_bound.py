@@ -10,6 +10,7 @@ is in a cell that is left. These are the posterior, cell by cell.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from clt.initialization.pairwise.likelihood import (
     PHI,
     THETA,
     VAR_D,
+    CostWorkspace,
     PairRanges,
     attained_cost,
     evaluate_cost,
@@ -46,7 +48,7 @@ from clt.initialization.pairwise.taylor_bounds import (
     set_added_variances,
 )
 from clt.initialization.pairwise.unimodality import MAX_COST_SHORTFALL, has_one_minimum
-from clt.jit.compiled import compiled_noalloc, kernel
+from clt.jit.compiled import compiled_noalloc
 
 COARSE_CELLS = 16
 """Cells of the circle to begin with, for each angle; the best cost is first looked for in half as
@@ -67,6 +69,8 @@ DESCENT_TRIALS = 6
 """Cells from which the best cost is first looked for."""
 MAX_CELLS = 20_000
 """Cells at most; a posterior that would need more is told in coarser ones, and never unique."""
+CELL_BEGIN_FIELDS = 7
+"""Numbers of a cell that waits, see `fill_angle_cells`."""
 CELL_FIELDS = COST_FIELDS + 4
 """Numbers of a cell: those of `evaluate_cost`, half widths, nearest and farthest distance."""
 HALF_THETA, HALF_PHI, CELL_NEAREST, CELL_FARTHEST = range(COST_FIELDS, CELL_FIELDS)
@@ -89,106 +93,178 @@ def pair_subset(pair: PairRanges, rows: Indices) -> PairRanges:
     return PairRanges(z, variance, a, b, P_a, P_b, S_a, S_b, S_ab)
 
 
-@kernel
-def search_cells(
-    pair: PairRanges, few: PairRanges, turns: bool, enough: float
-) -> tuple[Floats, float, bool, float]:
-    """Cells (m, CELL_FIELDS) of all the posterior; what cost odometry noise may fake; all done.
+class CellSearch(NamedTuple):
+    """What a search found."""
 
-    Not all are done where there would be more than MAX_CELLS: the rest is coarse, and may hide
-    minima. Also tells the least cost that least squares found; no cells where that is more than
-    `enough`.
+    cells: Floats
+    """All of the posterior, (m, CELL_FIELDS); none where `best` is too much."""
+    faked: float
+    """What cost odometry noise may fake."""
+    complete: bool
+    """All cells are done: else there would be more than MAX_CELLS, and coarse ones hide minima."""
+    best: float
+    """The least cost that least squares found."""
+
+
+class SearchWorkspace(NamedTuple):
+    """Memory of a search."""
+
+    coarse: Floats
+    """Cells of the circle to begin with, (COARSE_CELLS^2, CELL_BEGIN_FIELDS)."""
+    cost: Floats
+    """Of each at its center, (COARSE_CELLS^2,)."""
+    minima: Floats
+    """Where least squares led: cost, theta, phi (rad), distance (m), (DESCENT_TRIALS, 4)."""
+    queue: Floats
+    """Cells to look at, (MAX_CELLS, CELL_BEGIN_FIELDS)."""
+    done: Floats
+    """(MAX_CELLS, CELL_FIELDS)."""
+    result: Floats
+    """Those of `CellSearch` but for the cells, (3,)."""
+
+
+def make_search_workspace(cells: int) -> SearchWorkspace:
+    """Memory for so many cells."""
+    return SearchWorkspace(
+        np.empty((COARSE_CELLS * COARSE_CELLS, CELL_BEGIN_FIELDS)),
+        np.empty(COARSE_CELLS * COARSE_CELLS),
+        np.empty((DESCENT_TRIALS, 4)),
+        np.empty((cells, CELL_BEGIN_FIELDS)),
+        np.empty((cells, CELL_FIELDS)),
+        np.zeros(3),
+    )
+
+
+def search_cells(pair: PairRanges, few: PairRanges, turns: bool, enough: float) -> CellSearch:
+    """All cells of the posterior; none where least squares found no cost of `enough` or less.
 
     `few` is the pair with some of its ranges only. Without `turns` phi stays 0: robot j is static
-    and has no heading that could be told.
+    and has no heading that could be found.
     """
-    work, work_few = make_bound_workspace(pair), make_bound_workspace(few)
-    best = best_descent_cost(pair, few, turns, work)
+    memory = make_search_workspace(MAX_CELLS)
+    count = branch_and_bound(
+        pair, few, turns, enough, make_bound_workspace(pair), make_bound_workspace(few), memory
+    )
+    faked, complete, best = memory.result.tolist()
+    return CellSearch(memory.done[:count].copy(), faked, bool(complete), best)
+
+
+@compiled_noalloc
+def branch_and_bound(
+    pair: PairRanges,
+    few: PairRanges,
+    turns: bool,
+    enough: float,
+    work: BoundWorkspace,
+    work_few: BoundWorkspace,
+    memory: SearchWorkspace,
+) -> int:
+    """The search: fills `memory`; how many of its cells `done` are filled."""
+    result, coarse = memory.result, memory.coarse
+    best = best_descent_cost(pair, few, turns, work.cost, memory)
+    result[2] = best
     if best > enough:
-        return np.empty((0, CELL_FIELDS)), 0.0, False, best
-    faked = fakeable_cost(pair, work.L, work.y)
-    most = best + COST_MARGIN + faked
+        return 0
+    result[0] = fakeable_cost(pair, work.cost.L, work.cost.y)
+    most = best + COST_MARGIN + result[0]
     near, far = distance_limits(pair, work.sizes, most)
-    cells = angle_cells(COARSE_CELLS, turns, min(max(pair.z[0], near), far), near, far)
+    d = min(max(pair.z[0], near), far)
     kept = 0
-    for row in range(len(cells)):
-        if bound_cell(few, work_few, cells[row], most) < np.inf:
-            cells[kept], kept = cells[row], kept + 1
-    found, complete = subdivide(pair, work, cells[:kept], most)
-    return found, faked, complete, best
+    for row in range(fill_angle_cells(coarse, COARSE_CELLS, turns, d, near, far)):
+        if bound_cell(few, work_few, coarse[row], most) < np.inf:
+            for i in range(CELL_BEGIN_FIELDS):
+                memory.queue[kept, i] = coarse[row, i]
+            kept += 1
+    return subdivide(pair, work, kept, most, memory)
 
 
-@kernel
+@compiled_noalloc
 def best_descent_cost(
-    pair: PairRanges, few: PairRanges, turns: bool, work: BoundWorkspace
+    pair: PairRanges, few: PairRanges, turns: bool, work: CostWorkspace, memory: SearchWorkspace
 ) -> float:
     """The least cost that least squares find from all around; its `evaluate_cost` is in `work`."""
-    found = descend_from_all_sides(pair, few, turns, work)
-    best = found[np.argmin(found[:, 0])]
-    none = np.zeros(pair.z.size)
-    evaluate_cost(pair, best[1], best[2], best[3], 0.0, np.inf, none, work.L, work.y, work.out)
-    return float(best[0])
+    descend(pair, few, turns, work, memory)
+    minima, best = memory.minima, 0
+    for k in range(DESCENT_TRIALS):
+        if minima[k, 0] < minima[best, 0]:
+            best = k
+    _, theta, phi, d = minima[best]
+    evaluate_cost(pair, theta, phi, d, 0.0, np.inf, work.none, work)
+    return float(minima[best, 0])
 
 
-@kernel
 def descend_from_all_sides(
-    pair: PairRanges, few: PairRanges, turns: bool, work: BoundWorkspace
+    pair: PairRanges, few: PairRanges, turns: bool, work: CostWorkspace
 ) -> Floats:
     """Where least squares lead to from the DESCENT_TRIALS best directions and turns all around.
 
     Cost, theta, phi (rad) and distance (m) of each: (DESCENT_TRIALS, 4).
     """
-    L, y, out, none = work.L, work.y, work.out, np.zeros(pair.z.size)
+    memory = make_search_workspace(0)
+    descend(pair, few, turns, work, memory)
+    return memory.minima
+
+
+@compiled_noalloc
+def descend(
+    pair: PairRanges, few: PairRanges, turns: bool, work: CostWorkspace, memory: SearchWorkspace
+) -> None:
+    """Fill `memory.minima` as `descend_from_all_sides` says."""
+    coarse, cost, minima, out = memory.coarse, memory.cost, memory.minima, work.out
     d = max(pair.z[0], MIN_ANTENNA_DISTANCE)
-    coarse = angle_cells(COARSE_CELLS // 2, turns, d, 0.0, np.inf)
-    cost = np.empty(len(coarse))
-    for row in range(len(coarse)):
-        evaluate_cost(few, coarse[row, 0], coarse[row, 1], d, 0.0, np.inf, none, L, y, out)
+    count = fill_angle_cells(coarse, COARSE_CELLS // 2, turns, d, 0.0, np.inf)
+    for row in range(count):
+        evaluate_cost(few, coarse[row, 0], coarse[row, 1], d, 0.0, np.inf, work.none, work)
         cost[row] = out[COST]
-    found = np.empty((DESCENT_TRIALS, 4))
-    rows = np.argsort(cost)
     for k in range(DESCENT_TRIALS):
-        fit_relative_pose(pair, coarse[rows[k], 0], coarse[rows[k], 1], d, turns, L, y, out)
-        found[k, 0], found[k, 1] = attained_cost(out), out[THETA]
-        found[k, 2], found[k, 3] = out[PHI], out[AT_DISTANCE]
-    return found
+        least = 0
+        for row in range(count):
+            if cost[row] < cost[least]:
+                least = row
+        cost[least] = np.inf
+        fit_relative_pose(pair, coarse[least, 0], coarse[least, 1], d, turns, work)
+        minima[k, 0], minima[k, 1] = attained_cost(out), out[THETA]
+        minima[k, 2], minima[k, 3] = out[PHI], out[AT_DISTANCE]
 
 
-@kernel
-def angle_cells(across: int, turns: bool, d: float, low: float, high: float) -> Floats:
-    """Cells that cover both angles: center, half widths, a distance to begin with, its bounds."""
+@compiled_noalloc
+def fill_angle_cells(
+    cells: Floats, across: int, turns: bool, d: float, low: float, high: float
+) -> int:
+    """Cells that cover both angles: center, half widths, a distance to begin with, its bounds.
+
+    How many there are: across^2, or `across` without turns.
+    """
     turned = across if turns else 1
     half = np.pi / across
-    cells = np.empty((across * turned, 7))
     for row in range(across * turned):
         cells[row, 0] = -np.pi + (2 * (row // turned) + 1) * half
         cells[row, 1] = -np.pi + (2 * (row % turned) + 1) * half if turns else 0.0
         cells[row, 2], cells[row, 3] = half, half if turns else 0.0
         cells[row, 4], cells[row, 5], cells[row, 6] = d, low, high
-    return cells
+    return across * turned
 
 
 @compiled_noalloc
 def bound_cell(pair: PairRanges, work: BoundWorkspace, cell: Floats, most: float) -> float:
-    """How far from the best distance a cell (as `angle_cells` tells it) is excluded; see there."""
+    """How far from the best distance a cell (of `fill_angle_cells`) is excluded; see there."""
     theta, phi, h_t, h_p, d, low, high = cell
     set_added_variances(pair, work, theta, phi, d, h_t, h_p)
-    evaluate_cost(pair, theta, phi, d, low, high, work.more, work.L, work.y, work.out)
+    evaluate_cost(pair, theta, phi, d, low, high, work.more, work.cost)
     return float(excluded_distance(pair, work, h_t, h_p, low, high, most))
 
 
-@kernel
+@compiled_noalloc
 def subdivide(
-    pair: PairRanges, work: BoundWorkspace, cells: Floats, most: float
-) -> tuple[Floats, bool]:
-    """Halve cells (of `angle_cells`) until the cost hardly changes within: (m, CELL_FIELDS).
+    pair: PairRanges, work: BoundWorkspace, waiting: int, most: float, memory: SearchWorkspace
+) -> int:
+    """Halve the cells waiting in `memory.queue` until the cost hardly changes within.
 
-    What is left out costs more than `most`. Also tells whether all could be done.
+    What is left out costs more than `most`. Fills `memory.done`, says how many of it, and leaves in
+    `memory.result` whether all could be done.
     """
-    none, out = np.zeros(pair.z.size), work.out
-    queue, done = np.empty((MAX_CELLS, 7)), np.empty((MAX_CELLS, CELL_FIELDS))
-    waiting, finished, head, complete = len(cells), 0, 0, True
-    queue[:waiting] = cells
+    none, out, queue, done = work.cost.none, work.cost.out, memory.queue, memory.done
+    finished, head, complete = 0, 0, True
     while head < waiting:
         cell = queue[head]
         theta, phi, h_t, h_p, _, low, high = cell
@@ -202,12 +278,13 @@ def subdivide(
         if full or (
             off == 0.0 and sqrt_cost_change(out, h_t, h_p) <= allowed_change(out, cell, most)
         ):
-            evaluate_cost(pair, theta, phi, best, low, high, none, work.L, work.y, out)
+            evaluate_cost(pair, theta, phi, best, low, high, none, work.cost)
             if sqrt_cost_change(out, h_t, h_p) <= allowed_change(out, cell, most):
-                along = next_split(pair, work, none, low, high, most)
+                along = next_split(pair, work, low, high, most)
             complete = complete and (along == SPLIT_NOTHING or not full)
             if full or along == SPLIT_NOTHING:
-                done[finished, :COST_FIELDS] = out
+                for i in range(COST_FIELDS):
+                    done[finished, i] = out[i]
                 done[finished, HALF_THETA], done[finished, HALF_PHI] = h_t, h_p
                 done[finished, CELL_NEAREST], done[finished, CELL_FARTHEST] = low, high
                 finished += 1
@@ -227,12 +304,13 @@ def subdivide(
                 child[along] += sign * 0.5 * child[2 + along]
                 child[2 + along] *= 0.5
             waiting += 1
-    return done[:finished].copy(), complete
+    memory.result[1] = 1.0 if complete else 0.0
+    return finished
 
 
 @compiled_noalloc
 def allowed_change(out: Floats, cell: Floats, most: float) -> float:
-    """How much the square root of the cost may change in a cell (as `angle_cells` tells it)."""
+    """How much the square root of the cost may change in a cell (of `fill_angle_cells`)."""
     t, p = best_in_box(out, cell[2], cell[3])
     return (
         MAX_SQRT_COST_CHANGE
@@ -242,19 +320,17 @@ def allowed_change(out: Floats, cell: Floats, most: float) -> float:
 
 
 @compiled_noalloc
-def next_split(
-    pair: PairRanges, work: BoundWorkspace, none: Floats, low: float, high: float, most: float
-) -> int:
+def next_split(pair: PairRanges, work: BoundWorkspace, low: float, high: float, most: float) -> int:
     """SPLIT_NOTHING where one Gaussian holds distances low .. high (m), else SPLIT_DISTANCE.
 
     `work` becomes the linearization at the best of them, which must keep what it promises, there
     and all along.
     """
-    out = work.out
+    out = work.cost.out
     off = out[DISTANCE] - out[AT_DISTANCE] - out[DISTANCE_STEP]
     expected = out[COST] + off * off / out[VAR_D]
     d = max(out[DISTANCE], MIN_ANTENNA_DISTANCE)
-    evaluate_cost(pair, out[THETA], out[PHI], d, low, high, none, work.L, work.y, out)
+    evaluate_cost(pair, out[THETA], out[PHI], d, low, high, work.cost.none, work.cost)
     if high - low <= MIN_SPLIT_SIGMAS * np.sqrt(out[VAR_D]):
         return SPLIT_NOTHING
     kept = attained_cost(out) <= expected + MAX_COST_SHORTFALL and has_one_minimum(

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.core.recording import Floats
-from clt.jit.compiled import compiled_noalloc, kernel
+from clt.jit.compiled import compiled_noalloc
 
 COST_FIELDS = 15
 """Numbers that `evaluate_cost` tells about a direction."""
@@ -48,6 +48,33 @@ class PairRanges(NamedTuple):
     """Of `a` with `b`."""
 
 
+class CostWorkspace(NamedTuple):
+    """Memory for n ranges, and what `evaluate_cost` wrote last."""
+
+    L: Floats
+    """(n, n), factor of W."""
+    y: Floats
+    """(n, 8), whitened residuals and derivatives, lines of sight."""
+    out: Floats
+    """(COST_FIELDS,)."""
+    ahead: Floats
+    """(COST_FIELDS,), `out` of a step that is tried."""
+    none: Floats
+    """(n,), zeros: nothing is added to the variances."""
+
+
+def make_cost_workspace(pair: PairRanges) -> CostWorkspace:
+    """Memory for a pair."""
+    n = pair.z.size
+    return CostWorkspace(
+        np.empty((n, n)),
+        np.empty((n, 8)),
+        np.empty(COST_FIELDS),
+        np.empty(COST_FIELDS),
+        np.zeros(n),
+    )
+
+
 @compiled_noalloc
 def evaluate_cost(
     pair: PairRanges,
@@ -57,21 +84,19 @@ def evaluate_cost(
     low: float,
     high: float,
     more: Floats,
-    L: Floats,
-    y: Floats,
-    out: Floats,
+    work: CostWorkspace,
 ) -> None:
     """Weigh a direction and a turn (rad) with the best distance for them in low .. high (m).
 
     All is linearized at `d` (m), and W taken there. Variances are `more` (n,) larger than those of
-    the pair, m^2. `out` (COST_FIELDS,) receives, all as the linearization promises: the best
-    distance; the cost r^T W^-1 r of the best one without bounds, which lies DISTANCE_STEP
-    AT_DISTANCE and moves with theta and phi (D_THETA, D_PHI; m / rad); log det W; the variance of
-    d; gradient and Hessian (Gauss-Newton, d gone) of half the cost. `L` (n, n) is left with the
-    factor of W, `y` (n, 8) with residuals and derivatives by d, theta and phi, whitened, and with
-    the lines of sight as both robots see them.
+    the pair, m^2. `work.out` receives, all as the linearization promises: the best distance; the
+    cost r^T W^-1 r of the best one without bounds, which lies DISTANCE_STEP beyond AT_DISTANCE and
+    moves with theta and phi (D_THETA, D_PHI; m / rad); log det W; the variance of d; gradient and
+    Hessian (Gauss-Newton, d gone) of half the cost. `work.L` is left with the factor of W, `work.y`
+    with residuals and derivatives by d, theta and phi, whitened, and with the lines of sight as
+    both robots see them.
     """
-    n = pair.z.size
+    n, L, y, out = pair.z.size, work.L, work.y, work.out
     c, s = np.cos(phi), np.sin(phi)
     e_x, e_y = np.cos(theta), np.sin(theta)
     residuals(pair, c, s, e_x, e_y, d, L, y)
@@ -226,35 +251,19 @@ def attained_cost(out: Floats) -> float:
     return float(out[COST] + out[DISTANCE_STEP] * out[DISTANCE_STEP] / out[VAR_D])
 
 
-@kernel
+@compiled_noalloc
 def fit_relative_pose(
-    pair: PairRanges,
-    theta: float,
-    phi: float,
-    d: float,
-    turns: bool,
-    L: Floats,
-    y: Floats,
-    out: Floats,
+    pair: PairRanges, theta: float, phi: float, d: float, turns: bool, work: CostWorkspace
 ) -> bool:
-    """Iterative weighted least squares from a pose; the last accepted `evaluate_cost` in `out`.
+    """Iterative weighted least squares from a pose; `work.out` is that of the last step accepted.
 
     Gauss-Newton with Levenberg's damping where a step does not help; W follows the pose. False
-    where it has not converged. `L` and `y` may be those of a step that was refused.
+    where it has not converged. `work.L` and `work.y` may be those of a step that was refused.
     """
-    ahead, none = np.empty(COST_FIELDS), np.zeros(pair.z.size)
-    evaluate_cost(
-        pair,
-        theta,
-        phi,
-        max(d, MIN_ANTENNA_DISTANCE),
-        MIN_ANTENNA_DISTANCE,
-        np.inf,
-        none,
-        L,
-        y,
-        out,
-    )
+    L, y, out, ahead, none = work
+    trial = CostWorkspace(L, y, ahead, out, none)
+    d = max(d, MIN_ANTENNA_DISTANCE)
+    evaluate_cost(pair, theta, phi, d, MIN_ANTENNA_DISTANCE, np.inf, none, work)
     damping = 1e-9
     for _ in range(60):
         scale = out[H_TT] + out[H_PP] + 1e-12
@@ -277,9 +286,10 @@ def fit_relative_pose(
         )
         gained = step_t * out[G_THETA] + step_p * out[G_PHI] + out[DISTANCE_STEP] ** 2 / out[VAR_D]
         theta, phi = out[THETA] + step_t, out[PHI] + step_p
-        evaluate_cost(pair, theta, phi, d, MIN_ANTENNA_DISTANCE, np.inf, none, L, y, ahead)
+        evaluate_cost(pair, theta, phi, d, MIN_ANTENNA_DISTANCE, np.inf, none, trial)
         if attained_cost(ahead) <= attained_cost(out) + 1e-9:
-            out[:] = ahead
+            for i in range(COST_FIELDS):
+                out[i] = ahead[i]
             damping = max(0.1 * damping, 1e-9)
             if longest < 1e-9 or gained < 1e-10:
                 return True

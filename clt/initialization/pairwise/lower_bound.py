@@ -88,7 +88,7 @@ def excluded_distance(
     holds what lies within h_t of theta and h_p of phi (rad) of the center that `evaluate_cost` has
     just told `work` of, at distances low .. high (m).
     """
-    out = work.out
+    out = work.cost.out
     t, p = best_in_box(out, h_t, h_p)
     if linearized_cost(out, t, p, low, high) <= most:
         return 0.0

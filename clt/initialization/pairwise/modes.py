@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from clt.core.geometry import wrap_angle
 from clt.core.recording import Floats, Indices
 from clt.initialization.pairwise.branch_and_bound import HALF_PHI, HALF_THETA
 from clt.initialization.pairwise.likelihood import (
@@ -17,10 +20,12 @@ from clt.initialization.pairwise.likelihood import (
     PHI,
     THETA,
     VAR_D,
+    CostWorkspace,
     PairRanges,
     fit_relative_pose,
+    make_cost_workspace,
 )
-from clt.jit.compiled import compiled_noalloc, kernel
+from clt.jit.compiled import compiled_noalloc
 from clt.model.mixture_moments import wrap_heading
 
 MAX_ANGLE_SIGMA = 0.2
@@ -40,7 +45,21 @@ MIN_SHARE_GAIN = 0.01
 """Share of the posterior for the sake of which a hypothesis leaves its solution."""
 
 
-@kernel
+class Seeds(NamedTuple):
+    """Hypotheses to be, and memory of the search for them."""
+
+    center: Floats
+    """(MAX_HYPOTHESES, COST_FIELDS)."""
+    parent: Indices
+    """The seed whose solution each leads to, (MAX_HYPOTHESES,)."""
+    nearest: Indices
+    """The seed that each cell belongs to, (m,), -1 for none."""
+    squared: Floats
+    """Squared distance of each cell from it, (m,)."""
+    covered: Indices
+    """Whether a seed is near enough to each cell, (m,)."""
+
+
 def hypothesis_seeds(
     pair: PairRanges, cells: Floats, mass: Floats, turns: bool
 ) -> tuple[Floats, Indices, Indices]:
@@ -49,45 +68,83 @@ def hypothesis_seeds(
     From the most probable cell that is not covered yet, weighted least squares leads to its
     solution; where that is one that we have, the cell stands for itself.
     """
-    n, m = pair.z.size, len(cells)
-    L, y, out = np.empty((n, n)), np.empty((n, 8)), np.empty(COST_FIELDS)
+    m = len(cells)
     density = mass / (cells[:, HALF_THETA] * np.maximum(cells[:, HALF_PHI], 1e-12))
-    seeds, parent, count = (
+    seeds = Seeds(
         np.empty((MAX_HYPOTHESES, COST_FIELDS)),
         np.empty(MAX_HYPOTHESES, np.int64),
-        0,
+        np.full(m, -1),
+        np.full(m, np.inf),
+        np.zeros(m, np.int64),
     )
-    mine, least = np.full(m, -1), np.full(m, np.inf)
-    covered = np.zeros(m, np.bool_)
-    left = mass.sum()
+    count = find_seeds(pair, cells, mass, density, turns, make_cost_workspace(pair), seeds)
+    return seeds.center[:count].copy(), seeds.nearest, seeds.parent[:count].copy()
+
+
+@compiled_noalloc
+def find_seeds(
+    pair: PairRanges,
+    cells: Floats,
+    mass: Floats,
+    density: Floats,
+    turns: bool,
+    work: CostWorkspace,
+    found: Seeds,
+) -> int:
+    """Fill `found` as `hypothesis_seeds` says; how many there are."""
+    seeds, out = found.center, work.out
+    count: int = np.int64(0)  # type: ignore[assignment]  # numpy's integer, as in `eskf_kernel`
+    left = 2.0 * MAX_LEFT_OUT_SHARE
     while count < MAX_HYPOTHESES and left > MAX_LEFT_OUT_SHARE:
-        first = -1
-        for i in range(m):
-            if not covered[i] and (first < 0 or density[i] > density[first]):
-                first = i
+        first = densest_uncovered(density, found.covered)
         if first < 0:
             break
-        cell = cells[first, :COST_FIELDS]
-        found = fit_relative_pose(pair, cell[THETA], cell[PHI], cell[DISTANCE], turns, L, y, out)
-        known = count
-        for k in range(count - 1, -1, -1):
-            if found and seed_distance(seeds[k], out) < 1.0:
-                known = k
-        parent[count] = known
-        own = found and known == count and seed_distance(cell, out) < MAX_COVERED_CHI2
-        seeds[count] = out if own else cell
-        covered[first] = True
-        left = 0.0
-        for i in range(m):
-            squared = seed_distance(seeds[count], cells[i])
-            # The first that covers a cell has it, else the nearest.
-            if least[i] > MAX_COVERED_CHI2 and squared < least[i]:
-                mine[i], least[i] = count, squared
-            covered[i] = covered[i] or squared <= MAX_COVERED_CHI2
-            if not covered[i]:
-                left += mass[i]
+        cell = cells[first]
+        fits = fit_relative_pose(pair, cell[THETA], cell[PHI], cell[DISTANCE], turns, work)
+        known = known_solution(seeds, count, out) if fits else count
+        found.parent[count] = known
+        own = fits and known == count and seed_distance(cell, out) < MAX_COVERED_CHI2
+        for i in range(COST_FIELDS):
+            seeds[count, i] = out[i] if own else cell[i]
+        found.covered[first] = 1
+        left = cover_cells(cells, mass, count, found)
         count += 1
-    return seeds[:count].copy(), mine, parent[:count].copy()
+    return count
+
+
+@compiled_noalloc
+def densest_uncovered(density: Floats, covered: Indices) -> int:
+    """The cell with most posterior to its size of those that no seed covers; -1 for none."""
+    first = -1
+    for i in range(density.size):
+        if covered[i] == 0 and (first < 0 or density[i] > density[first]):
+            first = i
+    return first
+
+
+@compiled_noalloc
+def known_solution(seeds: Floats, count: int, solution: Floats) -> int:
+    """The first of `count` seeds that a solution is alike to; `count` for none."""
+    for k in range(count):
+        if seed_distance(seeds[k], solution) < 1.0:
+            return k
+    return count
+
+
+@compiled_noalloc
+def cover_cells(cells: Floats, mass: Floats, seed: int, found: Seeds) -> float:
+    """Give a seed the cells that it is nearest to; the posterior that no seed covers then."""
+    mine, least, left = found.nearest, found.squared, 0.0
+    for i in range(len(cells)):
+        squared = seed_distance(found.center[seed], cells[i])
+        # The first that covers a cell has it, else the nearest.
+        if least[i] > MAX_COVERED_CHI2 and squared < least[i]:
+            mine[i], least[i] = seed, squared
+        if squared <= MAX_COVERED_CHI2:
+            found.covered[i] = 1
+        if found.covered[i] == 0:
+            left += mass[i]
+    return left
 
 
 @compiled_noalloc
@@ -104,7 +161,6 @@ def seed_distance(seed: Floats, cell: Floats) -> float:
     )
 
 
-@kernel
 def shift_to_peak(at: Floats, mass: Floats, centers: Floats) -> Floats:
     """How much of the posterior is alike to each of some centers (k, 3), and one moved uphill.
 
@@ -112,42 +168,55 @@ def shift_to_peak(at: Floats, mass: Floats, centers: Floats) -> Floats:
     that gains MIN_SHARE_GAIN over all centers, the first that is alike to the highest point moves
     there, in place. Shares (k,) count poses within SIMILAR_POSE_LIMITS.
     """
-    share = np.empty(len(centers))
-    peak, highest, mean = np.zeros(3), -MIN_SHARE_GAIN, np.empty(3)
-    for k in range(len(centers)):
-        center = centers[k].copy()
-        share[k] = share_around(at, mass, center, mean)
-        for _ in range(MEAN_SHIFTS):
-            center[:] = mean
-            there = share_around(at, mass, center, mean)
-            if there > highest + MIN_SHARE_GAIN:
-                highest = there
-                peak[:] = center
-    if highest < share.max() + MIN_SHARE_GAIN:
-        return share
-    for k in range(len(centers)):
-        x, y = centers[k, 0] - peak[0], centers[k, 1] - peak[1]
-        if are_similar(x, y, wrap_heading(centers[k, 2] - peak[2])):
-            centers[k], share[k] = peak, highest
-            break
+    share, peak = np.empty(len(centers)), np.zeros(3)
+    highest = climb(at, mass, centers, share, np.empty(3), peak)
+    if highest >= share.max() + MIN_SHARE_GAIN:
+        off = centers - peak
+        off[:, 2] = wrap_angle(off[:, 2])
+        near = np.hypot(off[:, 0], off[:, 1]) < SIMILAR_POSE_LIMITS[0]
+        alike = np.flatnonzero(near & (np.abs(off[:, 2]) < SIMILAR_POSE_LIMITS[1]))
+        if alike.size > 0:
+            centers[alike[0]], share[alike[0]] = peak, highest
     return share
 
 
 @compiled_noalloc
-def share_around(at: Floats, mass: Floats, center: Floats, mean: Floats) -> float:
-    """Share of the posterior that is alike to a center (3,), and the mean of that."""
+def climb(
+    at: Floats, mass: Floats, centers: Floats, share: Floats, mean: Floats, peak: Floats
+) -> float:
+    """Share (k,) around each center; where mean shifts find most goes to `peak` (3,).
+
+    Returns the share there. `mean` (3,) is scratch.
+    """
+    highest = -MIN_SHARE_GAIN
+    for k in range(len(centers)):
+        share[k] = share_around(at, mass, centers[k, 0], centers[k, 1], centers[k, 2], mean)
+        for _ in range(MEAN_SHIFTS):
+            x, y, heading = mean[0], mean[1], mean[2]
+            there = share_around(at, mass, x, y, heading, mean)
+            if there > highest + MIN_SHARE_GAIN:
+                highest = there
+                peak[0], peak[1], peak[2] = x, y, heading
+    return float(highest)
+
+
+@compiled_noalloc
+def share_around(
+    at: Floats, mass: Floats, x: float, y: float, heading: float, mean: Floats
+) -> float:
+    """Share of the posterior that is alike to a pose (m, m, rad); its mean goes into (3,)."""
     share, e_x, e_y, e_h = 0.0, 0.0, 0.0, 0.0
     for i in range(len(at)):
-        x, y = at[i, 0] - center[0], at[i, 1] - center[1]
-        turn = wrap_heading(at[i, 2] - center[2])
-        if are_similar(x, y, turn):
+        off_x, off_y = at[i, 0] - x, at[i, 1] - y
+        turn = wrap_heading(at[i, 2] - heading)
+        if are_similar(off_x, off_y, turn):
             share += mass[i]
-            e_x += mass[i] * x
-            e_y += mass[i] * y
+            e_x += mass[i] * off_x
+            e_y += mass[i] * off_y
             e_h += mass[i] * turn
     some = max(share, 1e-300)
-    mean[0], mean[1] = center[0] + e_x / some, center[1] + e_y / some
-    mean[2] = wrap_heading(center[2] + e_h / some)
+    mean[0], mean[1] = x + e_x / some, y + e_y / some
+    mean[2] = wrap_heading(heading + e_h / some)
     return float(share)
 
 

@@ -21,13 +21,14 @@ from clt.initialization.pairwise.likelihood import (
     MIN_ANTENNA_DISTANCE,
     PHI,
     THETA,
+    CostWorkspace,
     PairRanges,
     attained_cost,
     evaluate_cost,
     fit_relative_pose,
+    make_cost_workspace,
 )
-from clt.initialization.pairwise.taylor_bounds import BoundWorkspace, make_bound_workspace
-from clt.jit.compiled import kernel
+from clt.jit.compiled import compiled_noalloc
 
 MAX_EXCESS_SIGMAS = 3.0
 """Standard deviations by which squared residuals may exceed their noise to be believed."""
@@ -128,21 +129,20 @@ def candidate_poses(pair: PairRanges, turns: bool) -> list[Floats]:
     draw, kept, work = (
         np.random.default_rng(n),
         n - n // RANGES_PER_OUTLIER,
-        make_bound_workspace(pair),
+        make_cost_workspace(pair),
     )
     poses, worst = [], []
     for _ in range(RANSAC_SAMPLES if kept < n else 0):
         some = pair_subset(
             pair, np.sort(draw.choice(n, min(RANSAC_SAMPLE_SIZE, kept), replace=False))
         )
-        for _, theta, phi, d in descend_from_all_sides(
-            some, some, turns, make_bound_workspace(some)
-        ).tolist():
-            pose = polar_to_pose(some, theta, phi, d)
-            poses.append(pose)
-            worst.append(
-                np.sort(normalized_residuals(pair, *pose_to_polar(pair, pose), work))[kept - 1]
-            )
+        minima = descend_from_all_sides(some, some, turns, make_cost_workspace(some))
+        led = [polar_to_pose(some, theta, phi, d) for _, theta, phi, d in minima.tolist()]
+        polar = np.array([pose_to_polar(pair, pose) for pose in led])
+        residual = np.empty((len(led), n))
+        fill_normalized_residuals(pair, polar, work, residual)
+        poses += led
+        worst += np.sort(residual, axis=1)[:, kept - 1].tolist()
     found: list[Floats] = []
     for k in np.argsort(worst).tolist():
         if len(found) < MAX_CANDIDATE_POSES and not any(
@@ -159,7 +159,7 @@ def explain_ranges(pair: PairRanges, pose: Floats, turns: bool) -> Explanation |
     and that again which fit best. The others are then taken back one by one.
     """
     n = pair.z.size
-    kept, work = n - n // RANGES_PER_OUTLIER, make_bound_workspace(pair)
+    kept, work = n - n // RANGES_PER_OUTLIER, make_cost_workspace(pair)
     for _ in range(TRIM_ROUNDS):
         order = np.argsort(normalized_residuals(pair, *pose_to_polar(pair, pose), work))
         pose = fit_explanation(pair, np.sort(order[:kept]), pose, turns).pose
@@ -179,9 +179,9 @@ def fit_explanation(pair: PairRanges, rows: Indices, pose: Floats, turns: bool) 
     for each other one.
     """
     some = pair_subset(pair, rows)
-    work, kept = make_bound_workspace(some), rows.size
+    work, kept = make_cost_workspace(some), rows.size
     out = work.out
-    fit_relative_pose(some, *pose_to_polar(some, pose), turns, work.L, work.y, out)
+    fit_relative_pose(some, *pose_to_polar(some, pose), turns, work)
     cost = attained_cost(out)
     log_likelihood = -0.5 * (cost + out[LOG_DET]) + (pair.z.size - kept) * np.log(
         OUTLIER_PROBABILITY / OUTLIER_SPAN_M
@@ -192,24 +192,31 @@ def fit_explanation(pair: PairRanges, rows: Indices, pose: Floats, turns: bool) 
     )
 
 
-@kernel
 def normalized_residuals(
-    pair: PairRanges, theta: float, phi: float, d: float, work: BoundWorkspace
+    pair: PairRanges, theta: float, phi: float, d: float, work: CostWorkspace
 ) -> Floats:
     """Residual of each range (n,) at a pose in standard deviations, each by itself."""
-    n = pair.z.size
-    L, y, none = work.L, work.y, np.zeros(n)
-    evaluate_cost(pair, theta, phi, d, 0.0, np.inf, none, L, y, work.out)
-    misfit = np.empty(n)
-    for i in range(n):
-        # W = L L^T, L left with its diagonal inverted, and L^-1 r.
-        own = 1.0 / L[i, i]
-        r, variance = own * y[i, 0], own * own
-        for k in range(i):
-            r += L[i, k] * y[k, 0]
-            variance += L[i, k] * L[i, k]
-        misfit[i] = abs(r) / math.sqrt(variance)
-    return misfit
+    residual = np.empty((1, pair.z.size))
+    fill_normalized_residuals(pair, np.array([[theta, phi, d]]), work, residual)
+    return np.asarray(residual[0])
+
+
+@compiled_noalloc
+def fill_normalized_residuals(
+    pair: PairRanges, polar: Floats, work: CostWorkspace, residual: Floats
+) -> None:
+    """`normalized_residuals` at poses (K, 3): theta, phi (rad), distance (m); into (K, n)."""
+    L, y = work.L, work.y
+    for p in range(len(polar)):
+        evaluate_cost(pair, polar[p, 0], polar[p, 1], polar[p, 2], 0.0, np.inf, work.none, work)
+        for i in range(pair.z.size):
+            # W = L L^T, L left with its diagonal inverted, and L^-1 r.
+            own = 1.0 / L[i, i]
+            r, variance = own * y[i, 0], own * own
+            for k in range(i):
+                r += L[i, k] * y[k, 0]
+                variance += L[i, k] * L[i, k]
+            residual[p, i] = abs(r) / math.sqrt(variance)
 
 
 def pose_to_polar(pair: PairRanges, pose: Floats) -> tuple[float, float, float]:

@@ -28,14 +28,9 @@ from clt.initialization.pairwise.tracks import (
     odometry_track,
     static_track,
 )
-from clt.model.inputs import (
-    MIN_SIGMA_RANGE,
-    TwistSegments,
-    inflated_variances,
-    range_correlation_time,
-    robot_segments,
-)
+from clt.model.noise import MIN_SIGMA_RANGE, inflated_variances, range_correlation_time
 from clt.model.settings import FilterSettings
+from clt.model.twist_segments import TwistSegments, robot_segments
 
 MIN_PAIR_RANGES = 4
 """Ranges that are looked at even where odometry has lost a heading before."""

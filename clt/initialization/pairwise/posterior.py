@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from clt.core.geometry import wrap_angle
 from clt.core.recording import Floats, Indices
 from clt.initialization.pairwise.branch_and_bound import (
     CELL_FARTHEST,
@@ -31,11 +32,12 @@ from clt.initialization.pairwise.likelihood import (
     PHI,
     THETA,
     VAR_D,
+    CostWorkspace,
     PairRanges,
     evaluate_cost,
+    make_cost_workspace,
 )
-from clt.jit.compiled import kernel
-from clt.model.mixture_moments import wrap_heading
+from clt.jit.compiled import compiled_noalloc
 
 CELL_PARTS = 3
 """Parts of a cell along theta and phi when its share of the posterior is added up."""
@@ -44,60 +46,58 @@ MIN_HALF_WIDTH = 1e-12
 TINY_SHARE = 1e-300
 
 
-@kernel
 def split_cells(cells: Floats, turns: bool) -> Floats:
     """Cells (m, CELL) in CELL_PARTS by CELL_PARTS parts each, by linearization: (m', CELL)."""
     along = CELL_PARTS if turns else 1
-    parts = np.empty((len(cells) * CELL_PARTS * along, cells.shape[1]))
-    for row in range(len(parts)):
-        part = parts[row]
-        part[:] = cells[row // (CELL_PARTS * along)]
-        part[HALF_THETA], part[HALF_PHI] = part[HALF_THETA] / CELL_PARTS, part[HALF_PHI] / along
-        t = part[HALF_THETA] * (2 * (row % CELL_PARTS) + 1 - CELL_PARTS)
-        p = part[HALF_PHI] * (2 * (row // CELL_PARTS % along) + 1 - along)
-        g_t, g_p = part[H_TT] * t + part[H_TP] * p, part[H_TP] * t + part[H_PP] * p
-        part[COST] += t * (g_t - 2.0 * part[G_THETA]) + p * (g_p - 2.0 * part[G_PHI])
-        part[G_THETA] -= g_t
-        part[G_PHI] -= g_p
-        part[THETA] += t
-        part[PHI] += p
-        part[DISTANCE_STEP] += part[D_THETA] * t + part[D_PHI] * p
-        part[DISTANCE] = min(
-            max(part[AT_DISTANCE] + part[DISTANCE_STEP], part[CELL_NEAREST]), part[CELL_FARTHEST]
-        )
+    parts = np.repeat(cells, CELL_PARTS * along, axis=0)
+    row = np.arange(len(parts))
+    parts[:, HALF_THETA] /= CELL_PARTS
+    parts[:, HALF_PHI] /= along
+    part = parts.T
+    t = part[HALF_THETA] * (2 * (row % CELL_PARTS) + 1 - CELL_PARTS)
+    p = part[HALF_PHI] * (2 * (row // CELL_PARTS % along) + 1 - along)
+    g_t, g_p = part[H_TT] * t + part[H_TP] * p, part[H_TP] * t + part[H_PP] * p
+    part[COST] += t * (g_t - 2.0 * part[G_THETA]) + p * (g_p - 2.0 * part[G_PHI])
+    part[G_THETA] -= g_t
+    part[G_PHI] -= g_p
+    part[THETA] += t
+    part[PHI] += p
+    part[DISTANCE_STEP] += part[D_THETA] * t + part[D_PHI] * p
+    best = part[AT_DISTANCE] + part[DISTANCE_STEP]
+    part[DISTANCE] = np.minimum(np.maximum(best, part[CELL_NEAREST]), part[CELL_FARTHEST])
     return parts
 
 
-@kernel
 def relinearize(pair: PairRanges, parts: Floats, heavy: Indices) -> None:
-    """Linearize some parts of cells anew at their own centers, in place."""
-    n = pair.z.size
-    L, y, out, none = np.empty((n, n)), np.empty((n, 8)), np.empty(COST_FIELDS), np.zeros(n)
-    for row in heavy:
-        part = parts[row]
-        d = max(part[DISTANCE], MIN_ANTENNA_DISTANCE)
-        evaluate_cost(
-            pair,
-            part[THETA],
-            part[PHI],
-            d,
-            part[CELL_NEAREST],
-            part[CELL_FARTHEST],
-            none,
-            L,
-            y,
-            out,
-        )
-        part[:COST_FIELDS] = out
+    """Linearize some parts of cells once more at their own centers, in place."""
+    evaluate_parts(pair, parts, heavy, make_cost_workspace(pair))
 
 
-@kernel
+@compiled_noalloc
+def evaluate_parts(pair: PairRanges, parts: Floats, heavy: Indices, work: CostWorkspace) -> None:
+    """Evaluate the cost of some parts at their own centers, in place."""
+    for k in range(heavy.size):
+        part = parts[heavy[k]]
+        theta, phi, d = part[THETA], part[PHI], max(part[DISTANCE], MIN_ANTENNA_DISTANCE)
+        low, high = part[CELL_NEAREST], part[CELL_FARTHEST]
+        evaluate_cost(pair, theta, phi, d, low, high, work.none, work)
+        for i in range(COST_FIELDS):
+            part[i] = work.out[i]
+
+
 def log_masses(cells: Floats) -> Floats:
     """Logarithm of the posterior in every cell (m,), up to a constant.
 
     The prior is uniform over positions and turns; d is integrated out.
     """
     log_mass = np.empty(len(cells))
+    integrate_cells(cells, log_mass)
+    return log_mass
+
+
+@compiled_noalloc
+def integrate_cells(cells: Floats, log_mass: Floats) -> None:
+    """Fill `log_mass` as `log_masses` says."""
     for row in range(len(cells)):
         cell = cells[row]
         scale, best = math.sqrt(2.0 * cell[VAR_D]), cell[AT_DISTANCE] + cell[DISTANCE_STEP]
@@ -107,23 +107,17 @@ def log_masses(cells: Floats) -> Floats:
         area = max(cell[HALF_THETA], MIN_HALF_WIDTH) * max(cell[HALF_PHI], MIN_HALF_WIDTH)
         volume = cell[DISTANCE] * scale * max(share, TINY_SHARE) * area
         log_mass[row] = math.log(volume) - 0.5 * (cell[COST] + cell[LOG_DET])
-    return log_mass
 
 
-@kernel
 def cell_poses(pair: PairRanges, cells: Floats) -> Floats:
     """Poses (m, 3) of robot j in the frame of robot i: p = q - R(phi) b_0 + a_0."""
-    at = np.empty((len(cells), 3))
-    for row in range(len(cells)):
-        theta, phi, d = cells[row, THETA], cells[row, PHI], cells[row, DISTANCE]
-        c, s = math.cos(phi), math.sin(phi)
-        at[row, 0] = d * math.cos(theta) - c * pair.b[0, 0] + s * pair.b[0, 1] + pair.a[0, 0]
-        at[row, 1] = d * math.sin(theta) - s * pair.b[0, 0] - c * pair.b[0, 1] + pair.a[0, 1]
-        at[row, 2] = wrap_heading(phi)
-    return at
+    theta, phi, d = cells[:, THETA], cells[:, PHI], cells[:, DISTANCE]
+    c, s, (b_x, b_y), (a_x, a_y) = np.cos(phi), np.sin(phi), pair.b[0], pair.a[0]
+    x = d * np.cos(theta) - c * b_x + s * b_y + a_x
+    y = d * np.sin(theta) - s * b_x - c * b_y + a_y
+    return np.column_stack([x, y, wrap_angle(phi)])
 
 
-@kernel
 def hypothesis_covariances(
     pair: PairRanges, cells: Floats, mass: Floats, at: Floats, group: Indices, centers: Floats
 ) -> Floats:
@@ -132,30 +126,20 @@ def hypothesis_covariances(
     `at` (m, 3) are the poses of the cells, `group` (m,) tells whose they are (-1: nobody's). The
     posterior is flat along both angles of a cell, and Gaussian along the distance.
     """
-    covariance, total = np.zeros((len(centers), 3, 3)), np.zeros(len(centers))
-    e, step, variance = np.zeros(3), np.zeros((3, 3)), np.empty(3)
-    for row in range(len(cells)):
-        k = group[row]
-        if k < 0:
-            continue
-        cell = cells[row]
-        c, s, d = math.cos(cell[THETA]), math.sin(cell[THETA]), cell[DISTANCE]
-        step[0, 0], step[0, 1], step[1, 0], step[1, 1] = c, s, -d * s, d * c
-        c, s = math.cos(cell[PHI]), math.sin(cell[PHI])
-        step[2, 0] = s * pair.b[0, 0] + c * pair.b[0, 1]
-        step[2, 1] = -c * pair.b[0, 0] + s * pair.b[0, 1]
-        step[2, 2] = 1.0
-        variance[0] = cell[VAR_D]
-        variance[1], variance[2] = cell[HALF_THETA] ** 2 / 3.0, cell[HALF_PHI] ** 2 / 3.0
-        e[0], e[1] = at[row, 0] - centers[k, 0], at[row, 1] - centers[k, 1]
-        e[2] = wrap_heading(at[row, 2] - centers[k, 2])
-        total[k] += mass[row]
-        for i in range(3):
-            for j in range(3):
-                value = e[i] * e[j]
-                for o in range(3):
-                    value += variance[o] * step[o, i] * step[o, j]
-                covariance[k, i, j] += mass[row] * value
-    for k in range(len(centers)):
-        covariance[k] /= total[k]
-    return covariance
+    some = group >= 0
+    cells, mass, at, group = cells[some], mass[some], at[some], group[some]
+    d, (b_x, b_y) = cells[:, DISTANCE], pair.b[0]
+    step = np.zeros((len(cells), 3, 3))
+    c, s = np.cos(cells[:, THETA]), np.sin(cells[:, THETA])
+    step[:, 0, 0], step[:, 0, 1], step[:, 1, 0], step[:, 1, 1] = c, s, -d * s, d * c
+    c, s = np.cos(cells[:, PHI]), np.sin(cells[:, PHI])
+    step[:, 2] = np.column_stack([s * b_x + c * b_y, -c * b_x + s * b_y, np.ones(len(cells))])
+    variance = np.column_stack(
+        [cells[:, VAR_D], cells[:, HALF_THETA] ** 2 / 3.0, cells[:, HALF_PHI] ** 2 / 3.0]
+    )
+    e = at - centers[group]
+    e[:, 2] = wrap_angle(e[:, 2])
+    spread = np.einsum("mo,moi,moj->mij", variance, step, step) + e[:, :, None] * e[:, None, :]
+    covariance, total = np.zeros((len(centers), 3, 3)), np.bincount(group, mass, len(centers))
+    np.add.at(covariance, group, mass[:, None, None] * spread)
+    return np.asarray(covariance / total[:, None, None])

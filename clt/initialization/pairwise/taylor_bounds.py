@@ -15,15 +15,16 @@ import numpy as np
 from clt.core.recording import Floats
 from clt.initialization.pairwise.likelihood import (
     AT_DISTANCE,
-    COST_FIELDS,
     MIN_ANTENNA_DISTANCE,
     PHI,
     THETA,
+    CostWorkspace,
     PairRanges,
     antenna_vector,
+    make_cost_workspace,
     scatter_across,
 )
-from clt.jit.compiled import compiled_noalloc, kernel
+from clt.jit.compiled import compiled_noalloc
 
 INNER_PART_M = 0.5
 """About what distances are in the innermost part, m."""
@@ -49,14 +50,9 @@ SUM_FIELDS = 22
 
 
 class BoundWorkspace(NamedTuple):
-    """Memory of one search, and what `evaluate_cost` has told last."""
+    """Memory of one search, and what `evaluate_cost` wrote last."""
 
-    L: Floats
-    """(n, n), factor of W."""
-    y: Floats
-    """(n, 8), whitened residuals and derivatives, lines of sight."""
-    out: Floats
-    """(COST_FIELDS,)."""
+    cost: CostWorkspace
     more: Floats
     """(n,), m^2, see `set_added_variances`."""
     g: Floats
@@ -67,30 +63,28 @@ class BoundWorkspace(NamedTuple):
     """(n, SIZE_FIELDS), see `bound_sizes`."""
 
 
-@kernel
 def make_bound_workspace(pair: PairRanges) -> BoundWorkspace:
-    """Memory for a pair."""
+    """Memory for a pair, with what the bound needs of it."""
     n = pair.z.size
+    sizes = np.zeros((n, SIZE_FIELDS))
+    bound_sizes(pair, sizes)
     return BoundWorkspace(
-        np.empty((n, n)),
-        np.empty((n, 8)),
-        np.empty(COST_FIELDS),
+        make_cost_workspace(pair),
         np.empty(n),
         np.empty((n, G_FIELDS)),
         np.empty((2, SUM_FIELDS)),
-        bound_sizes(pair),
+        sizes,
     )
 
 
-@kernel
-def bound_sizes(pair: PairRanges) -> Floats:
-    """What the bound needs of every range, (n, SIZE_FIELDS).
+@compiled_noalloc
+def bound_sizes(pair: PairRanges, sizes: Floats) -> None:
+    """What the bound needs of every range, added to `sizes` (n, SIZE_FIELDS).
 
     The way of robot j since the first range (m); sums over the rows of P_a and P_b of the blocks'
     norms, and norms of S_a, S_b and S_ab (m^2, Frobenius).
     """
     n = pair.z.size
-    sizes = np.zeros((n, SIZE_FIELDS))
     for k in range(n):
         sizes[k, ARM] = np.hypot(pair.b[k, 0] - pair.b[0, 0], pair.b[k, 1] - pair.b[0, 1])
         for m in range(n):
@@ -102,7 +96,6 @@ def bound_sizes(pair: PairRanges) -> Floats:
         )
         sizes[k, SIZE_AB] = frobenius_norm(pair.S_ab[k])
         sizes[k, SCATTER] = sizes[k, SIZE_A] + sizes[k, SIZE_B] + 2.0 * sizes[k, SIZE_AB]
-    return sizes
 
 
 @compiled_noalloc
@@ -144,7 +137,7 @@ def prepare_bound(pair: PairRanges, work: BoundWorkspace, step: float, t: float,
     quadratic in x.
     """
     n = pair.z.size
-    L, y, out, g, sums = work.L, work.y, work.out, work.g, work.sums
+    L, y, out, g, sums = work.cost.L, work.cost.y, work.cost.out, work.g, work.sums
     for i in range(SUM_FIELDS):
         sums[0, i], sums[1, i] = 0.0, 0.0
     for k in range(n):
@@ -268,7 +261,7 @@ def higher_orders(
     work: BoundWorkspace, k: int, h_t: float, h_p: float, h_d: float, s: float
 ) -> tuple[float, float]:
     """What higher orders of range k may take from x^T r and add to x^T W x."""
-    g, sizes, d = work.g, work.sizes, work.out[AT_DISTANCE]
+    g, sizes, d = work.g, work.sizes, work.cost.out[AT_DISTANCE]
     apart, across, f, arm = g[k, G_DISTANCE], g[k, G_SCATTER], g[k, G_RANGE], sizes[k, ARM]
     weight = abs(g[k, G_X] + s * g[k, G_X_STEP])
     moved = h_d + d * h_t + arm * h_p

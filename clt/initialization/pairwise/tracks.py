@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from clt.core.geometry import rotation_matrix
 from clt.core.recording import Floats, Indices, Stamps
-from clt.model.inputs import TwistSegments
 from clt.model.settings import NoiseSettings
 from clt.model.state_space import MAX_STANDSTILL_TWIST
+from clt.model.twist_segments import TwistSegments
 
 MAX_LINEAR_HEADING_SIGMA = 0.25
 """Standard deviation of a heading (rad) up to which what it does to a track is linear in it."""

@@ -45,13 +45,13 @@ def has_one_minimum(
     minimum (MIN_STRAIGHTNESS). `evaluate_cost` has just told `work`, with nothing added to W,
     which is held as it is.
     """
-    n, g, out = pair.z.size, work.g, work.out
+    n, g, out = pair.z.size, work.g, work.cost.out
     c, s = np.cos(out[PHI]), np.sin(out[PHI])
     e_x, e_y = np.cos(out[THETA]), np.sin(out[THETA])
     information = 0.0
     for k in range(n):
         w_x, w_y = antenna_vector(pair, k, c, s, out[AT_DISTANCE] * e_x, out[AT_DISTANCE] * e_y)
-        across = scatter_across(pair, k, c, s, work.y[k, 4], work.y[k, 5])
+        across = scatter_across(pair, k, c, s, work.cost.y[k, 4], work.cost.y[k, 5])
         expected = np.sqrt(w_x * w_x + w_y * w_y + across)
         g[k, COL_SCATTER], g[k, COL_RESIDUAL] = across, pair.z[k] - expected
         g[k, COL_SLOPE] = (w_x * e_x + w_y * e_y) / expected
@@ -79,7 +79,7 @@ def has_one_minimum(
 @compiled_noalloc
 def linearization_error(pair: PairRanges, work: BoundWorkspace, d: float) -> float:
     """|R^-1/2 (r - r_linear)|^2 at a distance (m); leaves the residuals r in `work.g`."""
-    n, g, out = pair.z.size, work.g, work.out
+    n, g, out = pair.z.size, work.g, work.cost.out
     c, s = np.cos(out[PHI]), np.sin(out[PHI])
     q_x, q_y = d * np.cos(out[THETA]), d * np.sin(out[THETA])
     total = 0.0
@@ -94,7 +94,7 @@ def linearization_error(pair: PairRanges, work: BoundWorkspace, d: float) -> flo
 @compiled_noalloc
 def whitened_cost(work: BoundWorkspace) -> float:
     """r^T W^-1 r of the residuals that `linearization_error` left."""
-    g, L = work.g, work.L
+    g, L = work.g, work.cost.L
     total = 0.0
     for i in range(len(g)):
         value = g[i, COL_NEW_RESIDUAL]

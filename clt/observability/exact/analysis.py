@@ -31,7 +31,7 @@ class Analysis:
     """Mirror images that no range can exclude."""
     remedies: tuple[Remedy, ...]
     state: tuple[ExactPose, ...]
-    """The random state at which the directions are told."""
+    """The random state at which the directions are named."""
 
     @property
     def nullity(self) -> int:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import importlib
 import json
+import signal
+import subprocess
+import sys
 
 import pytest
 from typer.testing import CliRunner
 
+from clt.cli import entry
 from clt.cli.app import app
 from clt.cli.commands import compile as command
 from clt.filters.kalman import eskf
@@ -21,7 +26,7 @@ def clt(*words):
 @pytest.fixture
 def few(monkeypatch):
     """Two commands that are soon done instead of all."""
-    monkeypatch.setattr(command, "WORK", FEW)
+    monkeypatch.setattr(command, "COMPILED", FEW)
 
 
 @pytest.mark.usefixtures("few")
@@ -37,7 +42,7 @@ def test_runs_every_command_and_leaves_no_log(tmp_path, monkeypatch):
 
 
 def test_names_the_command_that_fails(monkeypatch):
-    monkeypatch.setattr(command, "WORK", {"motion": ("info", "none.mcap")})
+    monkeypatch.setattr(command, "COMPILED", {"motion": ("info", "none.mcap")})
     done = clt()
     assert done.exit_code == 1
     assert done.stderr.startswith("clt: error: clt info ended with 1: clt: error: none.mcap: ")
@@ -59,6 +64,17 @@ def test_says_where_nothing_can_be_kept(monkeypatch):
 
 def test_every_filter_is_among_the_parts():
     options = [
-        words[words.index("--filter") + 1] for words in command.WORK.values() if "--filter" in words
+        words[words.index("--filter") + 1]
+        for words in command.COMPILED.values()
+        if "--filter" in words
     ]
     assert {*options, "eskf", "ekf"} == {"eskf", "ekf", "ukf", "mixture", "pf", "dpf"}
+
+
+def test_a_signal_ends_what_still_compiles(monkeypatch):
+    child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    monkeypatch.setattr(command, "children", {child})
+    command.stop_children()
+    assert child.wait(10) == -signal.SIGTERM
+    for module, name in entry.CLEARED_UP:
+        assert callable(getattr(importlib.import_module(module), name))

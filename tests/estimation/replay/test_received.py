@@ -22,14 +22,15 @@ from clt.model.arrivals import (
     replay_epochs,
 )
 from clt.model.choices import parse_frame_spec
-from clt.model.inputs import RangeTable, inflated_variances
 from clt.model.known_odometry import (
     LAG_PERIODS,
     arrived_segments,
     make_odometry_input,
     odometry_statistics,
 )
+from clt.model.noise import inflated_variances
 from clt.model.problem import build_problem
+from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings, NoiseSettings
 from tests.filters.teams import drive, team_recording
 from tests.messages import failings, remarks, warnings_of

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from clt.core.errors import UsageError
-from clt.estimation.estimators import Estimator, disconnected_warnings, localize_recording
+from clt.estimation.estimators import Estimator, localize_recording
+from clt.estimation.findings import disconnected_warnings
 from clt.filters.distributed.dpf import solve_dpf
 from clt.filters.distributed.gaussians import make_gaussian_member
 from clt.filters.distributed.rounds import (

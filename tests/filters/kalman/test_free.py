@@ -13,11 +13,12 @@ from clt.filters.kalman import free, unscented
 from clt.filters.kalman.eskf import RANGE_USED
 from clt.initialization.given.truth import from_truth
 from clt.model.choices import parse_frame_spec
-from clt.model.inputs import RangeTable, join_segments, no_segments
 from clt.model.problem import build_problem
 from clt.model.range_model import predict_distance
+from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings
 from clt.model.state_space import WORLD_REFERENCE, make_state_space
+from clt.model.twist_segments import join_segments, no_segments
 from tests.filters.teams import team_recording
 
 LEVER = np.array([[0.4, -0.2], [0.1, 0.3]])

@@ -15,8 +15,8 @@ from clt.filters.kalman.gaussian import solve_ekf, solve_eskf
 from clt.filters.kalman.ukf import solve_ukf
 from clt.initialization.given.truth import from_truth
 from clt.model.choices import parse_frame_spec
-from clt.model.inputs import RangeTable
 from clt.model.problem import build_problem
+from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario
 from clt.sim.simulate import simulate

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from clt.core.geometry import wrap_angle
-from clt.estimation.estimators import MIN_UNIQUE_PROBABILITY
+from clt.estimation.findings import MIN_UNIQUE_PROBABILITY
 from clt.filters.kalman.gaussian import solve_ekf
 from clt.filters.particle.gaussian_particles import draw_gaussians
 from clt.filters.particle.particles import solve_pf

@@ -18,13 +18,13 @@ from clt.initialization.pairwise.branch_and_bound import (
 from clt.initialization.pairwise.likelihood import (
     AT_DISTANCE,
     COST,
-    COST_FIELDS,
     PHI,
     THETA,
     PairRanges,
     cholesky_factor,
     evaluate_cost,
     fit_relative_pose,
+    make_cost_workspace,
 )
 from clt.initialization.pairwise.lower_bound import (
     best_distance,
@@ -42,7 +42,6 @@ from clt.initialization.pairwise.taylor_bounds import (
     VARIANCE_GROWTH,
     VARIANCE_OF_X,
     add_track_variance,
-    bound_sizes,
     direction_remainder,
     higher_orders,
     make_bound_workspace,
@@ -85,12 +84,12 @@ def center(pair, theta, phi, d, low, high, h_t, h_p):
     """What `excluded_distance` needs of a cell."""
     work = make_bound_workspace(pair)
     set_added_variances(pair, work, theta, phi, d, h_t, h_p)
-    evaluate_cost(pair, theta, phi, d, low, high, work.more, work.L, work.y, work.out)
+    evaluate_cost(pair, theta, phi, d, low, high, work.more, work.cost)
 
     def how_far(most):
         return excluded_distance(pair, work, h_t, h_p, low, high, most)
 
-    return how_far, work.out
+    return how_far, work.cost.out
 
 
 @settings(max_examples=60, deadline=None)
@@ -139,7 +138,7 @@ def test_two_ranges_stay_within_what_their_expansion_neglects(seed, drift, scatt
     h = half * np.array([1.0, 1.0, 2.0]) * rng.choice([0.1, 1.0], 3)
     h[2] = min(h[2], 0.4 * middle[2])
     work = make_bound_workspace(pair)
-    evaluate_cost(pair, *middle, 0.0, np.inf, np.zeros(2), work.L, work.y, work.out)
+    evaluate_cost(pair, *middle, 0.0, np.inf, np.zeros(2), work.cost)
     prepare_bound(pair, work, 0.0, 0.0, 0.0)
     add_track_variance(pair, work.g, work.sums)
     x = work.g[:, G_X].copy()
@@ -207,7 +206,7 @@ def test_the_first_range_bounds_the_distance_of_every_cheap_pose():
     rng = np.random.default_rng(2)
     for _ in range(20):
         pair = drawn(rng, 8, 0.05, 0.1)
-        near, far = distance_limits(pair, bound_sizes(pair), 25.0)
+        near, far = distance_limits(pair, make_bound_workspace(pair).sizes, 25.0)
         for theta, phi in rng.uniform(-np.pi, np.pi, (20, 2)):
             for d in (0.999 * near, 1.001 * far):
                 assert d <= 1.1e-3 or cost_of(pair, theta, phi, d) > 25.0
@@ -235,11 +234,10 @@ def test_no_minimum_that_dense_starts_find_is_outside_the_cells(drift, scatter):
 
 def dense_minima(pair):
     """Where weighted least squares ends from all over both circles and several distances."""
-    n = pair.z.size
-    L, y, out = np.empty((n, n)), np.empty((n, 8)), np.empty(COST_FIELDS)
+    work = make_cost_workspace(pair)
     across = np.arange(-np.pi, np.pi, np.pi / 14.0)
     starts = [(t, p, part * pair.z[0]) for t in across for p in across for part in (0.8, 1.2)]
-    return np.array([out.copy() for at in starts if fit_relative_pose(pair, *at, True, L, y, out)])
+    return np.array([work.out.copy() for at in starts if fit_relative_pose(pair, *at, True, work)])
 
 
 def test_one_minimum_sees_every_other_one_along_a_line():
@@ -253,10 +251,10 @@ def test_one_minimum_sees_every_other_one_along_a_line():
         work, low, high = make_bound_workspace(pair), 0.05, 2.0
         theta, phi = rng.uniform(-np.pi, np.pi, 2)
         d = rng.uniform(low, high)
-        evaluate_cost(pair, theta, phi, d, low, high, np.zeros(9), work.L, work.y, work.out)
+        evaluate_cost(pair, theta, phi, d, low, high, np.zeros(9), work.cost)
         far = np.linspace(low, high, 400)
         cost = np.array([cost_of(pair, theta, phi, each) for each in far])
-        r, J = work.y[:, 0], work.y[:, 1]
+        r, J = work.cost.y[:, 0], work.cost.y[:, 1]
         promise = np.sum((r - np.outer(far - d, J)) ** 2, axis=1)
         most = np.quantile(cost, 0.2)
         single = has_one_minimum(pair, work, low, high, most)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from clt.core.geometry import wrap_angle
+from clt.initialization.pairwise.likelihood import make_cost_workspace
 from clt.initialization.pairwise.outliers import normalized_residuals, polar_to_pose, pose_to_polar
 from clt.initialization.pairwise.pairwise import solve_pair
-from clt.initialization.pairwise.taylor_bounds import make_bound_workspace
 from tests.initialization.pairwise.pair_costs import residuals_and_covariance
 from tests.initialization.pairwise.winding import measured, still, track, winding
 
@@ -87,7 +87,7 @@ def test_misfits_are_residuals_in_units_of_their_deviation():
     pair, pose = winding(rng, 9, 0.1, 0.3)
     theta, phi, d = pose_to_polar(pair, pose)
     r, W = residuals_and_covariance(pair, theta, phi, d)
-    found = normalized_residuals(pair, theta, phi, d, make_bound_workspace(pair))
+    found = normalized_residuals(pair, theta, phi, d, make_cost_workspace(pair))
     np.testing.assert_allclose(found, np.abs(r) / np.sqrt(np.diag(W)), rtol=1e-9)
 
 

@@ -7,8 +7,8 @@ from clt.initialization.pairwise.tracks import (
     linear_until,
     odometry_track,
 )
-from clt.model.inputs import TwistSegments
 from clt.model.settings import NoiseSettings
+from clt.model.twist_segments import TwistSegments
 
 SECOND = 1_000_000_000
 

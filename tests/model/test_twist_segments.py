@@ -1,4 +1,4 @@
-"""What the kernels eat, against the integrals and the statistics that it stands for."""
+"""Twist segments, against the integrals and the statistics that they stand for."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clt.core.recording import Odometry, Ranges, Robot, Team
-from clt.model import inputs
-from clt.model.inputs import (
+from clt.model.noise import (
+    DEFAULT_SIGMA_V,
+    MIN_SIGMA_OMEGA,
+    MIN_SIGMA_RANGE,
+    MIN_SIGMA_V,
     first_known,
     inflated_variances,
-    interval_twist,
-    join_segments,
-    no_segments,
-    range_table,
-    robot_segments,
 )
+from clt.model.odometry_gaps import GAP_CORRELATION_S
+from clt.model.range_table import range_table
 from clt.model.settings import NoiseSettings
+from clt.model.twist_segments import interval_twist, join_segments, no_segments, robot_segments
 from tests.messages import texts
 
 MS = 1_000_000
@@ -149,7 +150,7 @@ def test_a_gap_is_bridged_by_the_mean_with_a_wide_error():
     assert segments.end[10] == sampled.stamp[10] - 50 * MS
     assert segments.v[10] == pytest.approx(0.6)
     assert segments.var_v[10] == pytest.approx(0.2**2 + 0.04 * (0.5 + 2.0 / 40))
-    assert segments.interval[10] == inputs.GAP_CORRELATION_S
+    assert segments.interval[10] == GAP_CORRELATION_S
     np.testing.assert_allclose(np.delete(segments.interval, 10), 0.05)
     assert np.sum(segments.v * durations(segments, 0)) == pytest.approx(0.2 + 1.2 + 0.4)
 
@@ -183,7 +184,7 @@ def test_noise_nobody_tells_is_assumed_and_said():
     assert (
         "does not tell the odometry noise of R1: assumed 0.1 m/s and 0.1 rad/s" in texts(notes)[0]
     )
-    np.testing.assert_allclose(segments.var_v, inputs.DEFAULT_SIGMA_V**2)
+    np.testing.assert_allclose(segments.var_v, DEFAULT_SIGMA_V**2)
     for known in (replace(ROBOT, sigma_v=0.3, sigma_omega=0.2), ROBOT):
         told = odometry([50 * MS, 100 * MS], 0.0, sigma=0.7 if known is ROBOT else np.nan)
         segments, notes = robot_segments(told, known, NoiseSettings(), 0, 100 * MS)
@@ -194,10 +195,10 @@ def test_noise_nobody_tells_is_assumed_and_said():
 def test_no_sensor_is_perfect():
     sampled = odometry([50 * MS, 100 * MS], 0.5, sigma=0.0)
     segments, _ = robot_segments(sampled, ROBOT, NoiseSettings(), 0, 100 * MS)
-    np.testing.assert_allclose(segments.var_v, inputs.MIN_SIGMA_V**2)
-    np.testing.assert_allclose(segments.var_omega, inputs.MIN_SIGMA_OMEGA**2)
+    np.testing.assert_allclose(segments.var_v, MIN_SIGMA_V**2)
+    np.testing.assert_allclose(segments.var_omega, MIN_SIGMA_OMEGA**2)
     table, _ = table_of(ranges([(1, 0, 2, 3.0)]), NoiseSettings(sigma_range=1e-9))
-    assert table.variance.tolist() == [inputs.MIN_SIGMA_RANGE**2]
+    assert table.variance.tolist() == [MIN_SIGMA_RANGE**2]
 
 
 def test_robots_stand_behind_one_another():
@@ -221,49 +222,6 @@ def test_correlated_ranges_tell_as_much_as_their_mean(tau):
         np.ones(n), (lag * 10 * MS).astype(np.int64), np.zeros(n, np.int64), tau
     )
     np.testing.assert_allclose(widened / n, of_the_mean, rtol=1e-2)
-
-
-def test_simulated_correlated_errors_are_as_large_as_the_widened_variance_says():
-    """Means over 400 samples of an AR(1) process with sigma 0.3 m."""
-    rng, n, tau, dt = np.random.default_rng(1), 400, 0.05, 0.01
-    rho = np.exp(-dt / tau)
-    white = 0.3 * rng.standard_normal((4000, n))
-    errors = white[:, 0]
-    total = errors.copy()
-    for k in range(1, n):
-        errors = rho * errors + np.sqrt(1.0 - rho**2) * white[:, k]
-        total += errors
-    stamp = 10 * MS * np.arange(n)
-    widened = inflated_variances(np.full(n, 0.09), stamp, np.zeros(n, np.int64), tau)
-    assert np.var(total / n) == pytest.approx(1.0 / np.sum(1.0 / widened), rel=0.08)
-
-
-@given(st.integers(0, 10**6), st.integers(1, 80), st.floats(0.001, 10.0))
-@settings(deadline=None)
-def test_correlation_never_sharpens_and_keeps_pairs_apart(seed, size, tau):
-    rng = np.random.default_rng(seed)
-    stamp = np.sort(rng.integers(0, 10**9, size))
-    pair = rng.integers(0, 4, size)
-    variance = rng.uniform(0.01, 1.0, size)
-    widened = inflated_variances(variance, stamp, pair, tau)
-    assert np.isfinite(widened).all()
-    assert np.all(widened >= variance)
-    for one in range(4):
-        own = pair == one
-        alone = inflated_variances(variance[own], stamp[own], pair[own], tau)
-        np.testing.assert_array_equal(widened[own], alone)
-
-
-def test_correlation_at_its_limits():
-    variance, stamp, pair = np.array([0.1, 0.2]), np.array([0, 10**9]), np.array([0, 0])
-    np.testing.assert_array_equal(inflated_variances(variance, stamp, pair, 0.0), variance)
-    np.testing.assert_allclose(inflated_variances(variance, stamp, pair, 1e-3), variance)
-    np.testing.assert_array_equal(inflated_variances(variance, stamp, np.arange(2), 9.0), variance)
-    none = np.empty(0)
-    assert inflated_variances(none, none.astype(np.int64), none.astype(np.int64), 1.0).size == 0
-    same = inflated_variances(variance, np.zeros(2, np.int64), pair, 1.0)
-    assert np.isfinite(same).all()
-    assert np.all(same > 1e6)
 
 
 TEAM = Team(
@@ -292,109 +250,11 @@ def table_of(measured, noise=QUIET, start=0, end=100, state=None):
     return range_table(measured, TEAM, state or {2: 0, 3: 1}, anchors, noise, start, end)
 
 
-def test_a_range_needs_both_ends_placed_and_one_in_the_state():
-    measured = ranges(
-        [
-            (1, 2, 3, 1.0),
-            (2, 0, 2, 2.0),
-            (3, 3, 1, 3.0),
-            (4, 0, 1, 4.0),
-            (5, 2, 4, 5.0),
-            (6, 4, 0, 6.0),
-        ]
-    )
-    table, notes = table_of(measured)
-    assert notes == ()
-    assert table.row.tolist() == [0, 1, 2]
-    assert table.range.tolist() == [1.0, 2.0, 3.0]
-    assert table.a.tolist() == [0, -1, 1]
-    assert table.b.tolist() == [1, 0, -2]
-    assert table.anchor[1:].tolist() == [[1.0, 2.0], [5.0, 6.0]]
-    np.testing.assert_allclose(table.variance, 0.01)
-
-
-def test_ranges_count_after_the_start_and_up_to_the_end():
-    measured = ranges([(t, 2, 3, float(t)) for t in (9, 10, 11, 20, 21)])
-    table, _ = table_of(measured, start=10, end=20)
-    assert table.stamp.tolist() == [11, 20]
-
-
-def test_the_state_may_hold_static_robots():
-    table, _ = table_of(ranges([(1, 0, 2, 2.0), (2, 0, 1, 2.0)]), state={0: 0, 2: 1})
-    assert (table.a.tolist(), table.b.tolist()) == ([0, 0], [1, -2])
-
-
-def test_range_noise_by_precedence():
-    measured = ranges([(1, 2, 3, 1.0), (2, 2, 3, 1.0)], sigma=[0.5, np.nan])
-    np.testing.assert_allclose(table_of(measured)[0].variance, [0.25, 0.01])
-    np.testing.assert_allclose(table_of(measured, NoiseSettings(sigma_range=0.3))[0].variance, 0.09)
-    silent = replace(TEAM, range_sigma=np.nan)
-    table, notes = range_table(measured, silent, {2: 0, 3: 1}, {}, QUIET, 0, 100)
-    np.testing.assert_allclose(table.variance, [0.25, inputs.DEFAULT_SIGMA_RANGE**2])
-    assert len(notes) == 1
-    assert "assumed 0.1 m" in texts(notes)[0]
-
-
-def test_both_directions_of_a_pair_share_its_correlation():
-    back_and_forth = ranges([(k * 10 * MS, *((2, 3), (3, 2))[k % 2], 1.0) for k in range(1, 9)])
-    noise = NoiseSettings(sigma_range=0.1, correlation_time=0.05)
-    table, _ = table_of(back_and_forth, noise, end=10**9)
-    rho = np.exp(-0.01 / 0.05)
-    np.testing.assert_allclose(table.weight_variance, 0.01 * (1 + rho) / (1 - rho))
-    np.testing.assert_allclose(table.variance, 0.01)
-
-
-def test_the_log_tells_the_correlation_unless_the_user_does():
-    measured = ranges([(k * 10 * MS, 2, 3, 1.0) for k in range(1, 9)])
-    team = replace(TEAM, range_correlation=0.05)
-
-    def factor(noise):
-        table, _ = range_table(measured, team, {2: 0, 3: 1}, {}, noise, 0, 10**9)
-        return table.weight_variance / table.variance
-
-    rho = np.exp(-0.01 / 0.05)
-    np.testing.assert_allclose(factor(QUIET), (1 + rho) / (1 - rho))
-    np.testing.assert_array_equal(factor(NoiseSettings(correlation_time=0.0)), 1.0)
-
-
-def test_no_ranges_make_an_empty_table():
-    table, notes = table_of(ranges([]), NoiseSettings(correlation_time=1.0))
-    assert notes == ()
-    assert all(column.shape[0] == 0 for column in table)
-
-
-def test_uneven_steps_are_not_gaps_but_lost_samples_are():
-    rng = np.random.default_rng(0)
-    even = np.arange(400) * 50_000_000
-    uneven = even + rng.normal(0.0, 15e6, 400).astype(np.int64)
-    assert not inputs.odometry_gaps(np.sort(uneven)).any()
-    lost = np.delete(even, [50, 200, 201])
-    np.testing.assert_array_equal(np.flatnonzero(inputs.odometry_gaps(lost)), [50, 199])
-    assert inputs.odometry_gaps(even[:1]).tolist() == [False]
-
-
 def test_instants_are_not_averaged_across_a_gap():
     stamp = np.array([0, 50, 100, 1000, 1050]) * 1_000_000
     nan = np.full(5, np.nan)
     v = np.array([0.0, 1.0, 2.0, 8.0, 9.0])
-    mean, _ = inputs.interval_twist(
+    mean, _ = interval_twist(
         Odometry(stamp, stamp, v, v, nan, nan), Robot("R1", 1, twist="instant")
     )
     assert mean.tolist() == [0.0, 0.5, 1.5, 8.0, 8.5]
-
-
-def test_what_was_not_seen_is_as_uncertain_as_the_twist_changes_over_so_long():
-    t = np.arange(2000) * 0.05
-    v, noise = np.sin(t), np.full(2000, 1e-12)
-    short, long, beyond = inputs.gap_twist_variance(v, noise, np.array([1, 40, 5000]))
-    assert short == pytest.approx(0.5 * 2 * (1 - np.cos(0.05)) * 0.5, rel=0.05)
-    assert long == pytest.approx(0.5 * (1 - np.cos(2.0)), rel=0.05)
-    assert beyond == pytest.approx(0.5, rel=0.05)
-
-
-def test_a_correlation_beyond_every_log_leaves_variances_finite():
-    """Found by the fuzzer of commands: the log of a team may say 1e300 s."""
-    tau = inputs.range_correlation_time(NoiseSettings(), Team((), range_correlation=1e300))
-    stamp = np.array([0, 0, 10**8], np.int64)
-    widened = inflated_variances(np.full(3, 0.01), stamp, np.zeros(3, np.int64), tau)
-    assert np.isfinite(widened).all()

@@ -1,0 +1,194 @@
+"""Random single changes of the code: do the tests notice?
+
+    python -m tests.fuzz.mutants --room filters [--count 20] [--seed 1]
+
+Each change (another comparison, sign, number, argument order; a statement left out) is made in a
+copy of the project, where the tests of that room run until the first one fails. Those that no test
+notices are listed: some of them change nothing that matters, which only a reader can tell. Takes
+about a minute for each change of a kernel, as it has to be compiled.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import os
+import random
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[2]
+COPIED = ("clt", "tests", "schemas", "sample_logs", "docs", "README.md", "pyproject.toml")
+OPERATORS: dict[type[ast.AST], tuple[str, str]] = {
+    ast.Lt: ("<", "<="),
+    ast.LtE: ("<=", "<"),
+    ast.Gt: (">", ">="),
+    ast.GtE: (">=", ">"),
+    ast.Eq: ("==", "!="),
+    ast.NotEq: ("!=", "=="),
+    ast.Is: ("is", "is not"),
+    ast.IsNot: ("is not", "is"),
+    ast.In: ("in", "not in"),
+    ast.NotIn: ("not in", "in"),
+    ast.Add: ("+", "-"),
+    ast.Sub: ("-", "+"),
+    ast.Mult: ("*", "/"),
+    ast.Div: ("/", "*"),
+    ast.FloorDiv: ("//", "*"),
+    ast.Pow: ("**", "*"),
+    ast.And: ("and", "or"),
+    ast.Or: ("or", "and"),
+}
+"""What stands for an operator, and what it becomes."""
+NAMES = {"min": "max", "max": "min", "minimum": "maximum", "maximum": "minimum"}
+MAX_SLOWDOWN, MORE_S = 4.0, 120.0
+"""Tests that take so much longer than without a change have noticed it."""
+
+
+class Change(NamedTuple):
+    """One change of a file, as offsets of its text."""
+
+    path: Path
+    begin: int
+    end: int
+    text: str
+
+
+def changes_of_file(path: Path) -> Iterator[Change]:
+    """All single changes within the functions of a file."""
+    source = path.read_text()
+    starts = [0]
+    for line in source.splitlines(keepends=True):
+        starts.append(starts[-1] + len(line.encode()))
+    raw = source.encode()
+
+    def offset(line: int, column: int) -> int:
+        return len(raw[: starts[line - 1] + column].decode())
+
+    def span(node: ast.expr | ast.stmt) -> tuple[int, int]:
+        end = offset(node.end_lineno or node.lineno, node.end_col_offset or 0)
+        return offset(node.lineno, node.col_offset), end
+
+    for function in ast.walk(ast.parse(source)):
+        if isinstance(function, ast.FunctionDef):
+            body = function.body[1:] if ast.get_docstring(function) is not None else function.body
+            for statement in body:
+                for node in ast.walk(statement):
+                    for begin, end, text in changes_of_node(node, span, source):
+                        yield Change(path, begin, end, text)
+
+
+def changes_of_node(node: ast.AST, span, source: str) -> Iterator[tuple[int, int, str]]:
+    """Changes of one node: begin, end, new text."""
+    if isinstance(node, ast.Compare):
+        ends = [node.left, *node.comparators]
+        for left, operator, right in zip(ends[:-1], node.ops, ends[1:], strict=True):
+            yield from between(span(left)[1], span(right)[0], operator, source)
+    elif isinstance(node, ast.BinOp):
+        yield from between(span(node.left)[1], span(node.right)[0], node.op, source)
+    elif isinstance(node, ast.BoolOp):
+        for left, right in zip(node.values[:-1], node.values[1:], strict=True):
+            yield from between(span(left)[1], span(right)[0], node.op, source)
+    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.Not):
+        yield span(node)[0], span(node.operand)[0], ""
+    elif isinstance(node, ast.Constant) and isinstance(node.value, bool | int | float):
+        value = node.value
+        other = (
+            not value if isinstance(value, bool) else value + 1 if value in {0, 1} else value * 2
+        )
+        yield *span(node), repr(other)
+    elif isinstance(node, ast.Call) and len(node.args) > 1:
+        (a, b), (c, d) = span(node.args[0]), span(node.args[1])
+        if source[a:b] != source[c:d]:
+            yield a, d, source[c:d] + source[b:c] + source[a:b]
+    elif isinstance(node, ast.Name | ast.Attribute):
+        name = node.id if isinstance(node, ast.Name) else node.attr
+        if name in NAMES:
+            yield span(node)[1] - len(name), span(node)[1], NAMES[name]
+    elif isinstance(node, ast.AugAssign) or (
+        isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)
+    ):
+        yield *span(node), "pass"
+
+
+def between(begin: int, end: int, operator: ast.AST, source: str) -> Iterator[tuple[int, int, str]]:
+    """The change of an operator that stands between two operands."""
+    old, new = OPERATORS.get(type(operator), ("", ""))
+    pattern = rf"(?<!\w){re.escape(old)}(?!\w)" if old.isalpha() or " " in old else re.escape(old)
+    found = re.search(pattern, source[begin:end]) if old != "" else None
+    if found is not None:
+        yield begin + found.start(), begin + found.end(), new
+
+
+def describe(change: Change) -> str:
+    """Where it is and what it makes of the line."""
+    source = change.path.read_text()
+    line = source.count("\n", 0, change.begin) + 1
+    first = source.rfind("\n", 0, change.begin) + 1
+    last = source.find("\n", change.end)
+    after = source[first : change.begin] + change.text + source[change.end : last]
+    return f"{change.path.relative_to(ROOT)}:{line}: {' '.join(after.split())}"
+
+
+def run_tests(copy: Path, tests: list[str], limit: float | None) -> bool:
+    """Whether all tests pass, in time."""
+    words = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
+    environment = os.environ | {"PYTHONPATH": str(copy), "HYPOTHESIS_STORAGE_DIRECTORY": str(copy)}
+    try:
+        done = subprocess.run(
+            words, cwd=copy, env=environment, capture_output=True, check=False, timeout=limit
+        )
+    except subprocess.TimeoutExpired:
+        return False
+    return done.returncode == 0
+
+
+def mirrored(path: Path, room: str) -> list[str]:
+    """Tests of a room, those of the changed file's own folder first."""
+    own = Path("tests") / path.relative_to(ROOT / "clt").parent
+    folders = [str(own), f"tests/{room}"] if (ROOT / own).is_dir() else [f"tests/{room}"]
+    return list(dict.fromkeys(folders))
+
+
+def main() -> None:
+    """Try changes, print those that no test notices, and the share that was noticed."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--room", required=True)
+    parser.add_argument("--count", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    files = sorted((ROOT / "clt" / options.room).rglob("*.py"))
+    every = [change for file in files for change in changes_of_file(file)]
+    chosen = random.Random(options.seed).sample(every, min(options.count, len(every)))
+    survived = 0
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "project"
+        copy.mkdir()
+        for name in COPIED:
+            source = ROOT / name
+            (shutil.copytree if source.is_dir() else shutil.copy2)(source, copy / name)
+        began = time.monotonic()
+        if not run_tests(copy, [f"tests/{options.room}"], None):
+            sys.exit(f"the tests of {options.room} fail without any change")
+        limit = MAX_SLOWDOWN * (time.monotonic() - began) + MORE_S
+        for change in chosen:
+            text = change.path.read_text()
+            place = copy / change.path.relative_to(ROOT)
+            place.write_text(text[: change.begin] + change.text + text[change.end :])
+            if run_tests(copy, mirrored(change.path, options.room), limit):
+                survived += 1
+                print(f"not noticed: {describe(change)}", flush=True)
+            shutil.copy2(change.path, place)
+    noticed = len(chosen) - survived
+    print(f"{options.room}: {noticed} of {len(chosen)} changes noticed, seed {options.seed}")
+
+
+if __name__ == "__main__":
+    main()
