@@ -60,6 +60,10 @@ COMMANDS = {
         "clt.cli.commands.range_log:range_log",
         "Turn the packets of a UWB broadcast network into ranges, as each robot would.",
     ),
+    "emit": CommandEntry(
+        "clt.cli.commands.emit:emit",
+        "Play a log out as the bytes of a device, to be recorded without hardware.",
+    ),
     "streams": CommandEntry(
         "clt.cli.commands.streams:streams",
         "Write a first streams.toml for a foreign log, guessed from its topics and types.",
@@ -74,6 +78,10 @@ COMMANDS = {
     "compile": CommandEntry(
         "clt.cli.commands.compile:compile_all",
         "Compile all filters at once, so that no later run has to.",
+    ),
+    "record": CommandEntry(
+        "clt.cli.commands.record:record",
+        "Record device streams into a log; Ctrl-C ends it.",
     ),
     "recover": CommandEntry(
         "clt.cli.commands.recover:recover",
