@@ -72,6 +72,12 @@ def test_a_range_is_one_period_older_than_its_line():
     assert given[0].device_ns // 10**6 == 100 * 253 + 1 - 280
 
 
+def test_milliseconds_wrap_after_seven_weeks():
+    found, _ = fed(*(corrected(n, (2**32 - 100 + 100 * n) % 2**32, n) for n in range(3)))
+    times = [one.device_ns // 10**6 for one in found[::4]]
+    assert times == [2**32 - 200, 2**32 - 100, 2**32]
+
+
 def test_variants_of_clones():
     found, counts = fed(
         "mc 0f 00000663 000005a3 00000512 000004cb 095f c1 0 a0:0",
