@@ -57,6 +57,17 @@ def test_ranges_do_not_wait_for_uncorrected_ones_that_never_come():
     assert [len(decoder.feed(line)) for line in lines] == [0, 2, 1, 1]
 
 
+def test_uncorrected_ranges_that_are_switched_on_again():
+    def exchange(n, *, both):
+        lines = [corrected(n, 100 * n, 1000, mask="01")]
+        return [*lines, corrected(n, 0, 1200, mask="01", kind="mr")] if both else lines
+
+    lines = [line for n in range(6) for line in exchange(n, both=n not in {1, 2})]
+    found, _ = fed(*lines, latency="0")
+    # Of exchange 3 the uncorrected range was not expected any more.
+    assert [one.raw_distance for one in found] == [1.2, 1.0, 1.0, 1.0, 1.2, 1.2]
+
+
 def test_a_range_is_one_period_older_than_its_line():
     lines = [corrected(n & 0xFF, 100 * n + n % 2, n, mask="01") for n in range(253, 259)]
     found, _ = fed(*lines)
