@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import tomllib
 from dataclasses import replace
-from math import isfinite
+from math import isfinite, isnan, nan
 from typing import Any
 
 from clt.core.document import Document
@@ -19,7 +19,7 @@ from clt.core.settings import did_you_mean
 from clt.devices.decoders.names import is_robot_name
 from clt.log.recording.roles import natural_key
 
-TEAM_KEYS = ("static", "position", "antenna", "id", "twist")
+TEAM_KEYS = ("static", "position", "antenna", "id", "twist", "sigma_v", "sigma_omega")
 MAX_ID = (1 << 16) - 1
 MAX_ROBOTS = 1 << 12
 MAX_COORDINATE = 1e9
@@ -66,7 +66,7 @@ class GrowingTeam:
 
 
 def read_team(document: Document) -> Team:
-    """The robots of a TOML file: `[robots.NAME]` with static, position, antenna, id, twist.
+    """The robots of a TOML file: `[robots.NAME]` with static, position, antenna, id, twist, noise.
 
     Raises UsageError naming file and key.
     """
@@ -130,7 +130,17 @@ def _robot(place: str, name: str, table: Any) -> Robot:
         position=position,
         antenna=_pair(place, "antenna", table.get("antenna", [0.0, 0.0])),
         twist="instant" if twist == "instant" else "mean",
+        sigma_v=_sigma(place, "sigma_v", table.get("sigma_v", nan)),
+        sigma_omega=_sigma(place, "sigma_omega", table.get("sigma_omega", nan)),
     )
+
+
+def _sigma(place: str, key: str, value: Any) -> float:
+    """Noise of an odometry sample; NaN where it is not given."""
+    known = isinstance(value, int | float) and not isinstance(value, bool)
+    if not known or not (value > 0.0 or isnan(value)) or value > MAX_COORDINATE:
+        raise UsageError(f"{place}: `{key}` is not a number above 0")
+    return float(value)
 
 
 def _pair(place: str, key: str, value: Any) -> tuple[float, float]:

@@ -156,7 +156,7 @@ def test_what_finds_no_room_is_counted(record):
         return taken(wait_s)
 
     inbox.take = late
-    roomy = RecorderOptions(stall_s=0.0, busy_fill=2.0)
+    roomy = RecorderOptions(stall_s=0.0, busy_fill=1e9)
     events, tallies, found = record(script, inbox=inbox, options=roomy)
     tally = tallies["x0"]
     assert tally.lost == 19

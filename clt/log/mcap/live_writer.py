@@ -9,7 +9,6 @@ from __future__ import annotations
 import errno
 import struct
 import time
-from collections import deque
 from collections.abc import Mapping
 from types import TracebackType
 from typing import BinaryIO, Self
@@ -26,8 +25,6 @@ HEAD_LENGTH = MESSAGE_HEAD.size - 9
 """Bytes of a message's record beside its payload."""
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of a file that cannot grow."""
-KEPT_CHECKPOINTS = 8
-"""How many chunks may be given up to end a log on a full disk."""
 
 
 class DiskFullError(OSError):
@@ -58,7 +55,8 @@ class LiveWriter:
         self._size = 0
         self._begin = self._end = 0
         self._indexes: dict[int, list[int]] = {}
-        self._checkpoints: deque[Checkpoint] = deque(maxlen=KEPT_CHECKPOINTS)
+        self._checkpoints: list[Checkpoint] = []
+        """Before every chunk."""
         self._finished = False
 
     @property
@@ -132,7 +130,7 @@ class LiveWriter:
         ]
         self._parts, self._size, self._indexes = [], 0, {}
         with _Giving(self):
-            self._checkpoints.append(self._log.checkpoint())
+            self._checkpoints.append(self._log.checkpoint(indexes))
             self._log.chunk(data, self._begin, self._end, indexes)
 
     def give_up_last(self) -> None:

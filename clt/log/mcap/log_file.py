@@ -6,7 +6,7 @@ import struct
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import BinaryIO, Literal
+from typing import BinaryIO, Literal, NamedTuple
 
 import lz4.frame
 import zstandard
@@ -56,9 +56,8 @@ class MessageIndex:
     """Log time and offset of each, little-endian 64-bit numbers."""
 
 
-@dataclass(frozen=True)
-class Checkpoint:
-    """A place in the file to which writing can return."""
+class Checkpoint(NamedTuple):
+    """A place in the file to which writing can return, before one chunk."""
 
     position: int
     crc: int
@@ -66,7 +65,8 @@ class Checkpoint:
     schemas: int
     channels: int
     metadatas: int
-    counts: Mapping[int, int]
+    counts: tuple[tuple[int, int], ...]
+    """Messages of the chunk, by channel."""
 
 
 @dataclass
@@ -163,8 +163,8 @@ class LogFile:
         for index in indexes:
             self.counts[index.channel] = self.counts.get(index.channel, 0) + index.count
 
-    def checkpoint(self) -> Checkpoint:
-        """Where the file stands now."""
+    def checkpoint(self, indexes: Sequence[MessageIndex]) -> Checkpoint:
+        """Where the file stands now, before a chunk of these messages."""
         return Checkpoint(
             self.position,
             self.crc,
@@ -172,15 +172,21 @@ class LogFile:
             len(self.schemas),
             len(self.channels),
             len(self.metadatas),
-            dict(self.counts),
+            tuple((index.channel, index.count) for index in indexes),
         )
 
     def give_up_since(self, place: Checkpoint) -> None:
-        """Take back all that was written since; the file must be seekable."""
+        """Take back all that was written since; the file must be seekable.
+
+        Places are given up one after another, the latest first.
+        """
         self.file.seek(place.position)
         self.file.truncate()
         self.position, self.crc = place.position, place.crc
-        self.counts = dict(place.counts)
+        if len(self.chunks) > place.chunks:
+            for channel, count in place.counts:
+                self.counts[channel] -= count
+            self.counts = {channel: count for channel, count in self.counts.items() if count > 0}
         del self.chunks[place.chunks :]
         del self.schemas[place.schemas :]
         del self.channels[place.channels :]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 import json
 import os
@@ -15,6 +16,7 @@ import time
 import tty
 from contextlib import chdir
 from itertools import count, islice
+from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
@@ -488,3 +490,34 @@ def test_killed_while_2000_messages_a_second_arrive(tmp_path, delay):
     if (tmp_path / "saved.mcap").exists():
         kept = sum(t == "/R1/uwb/range" for t, *_ in messages(tmp_path / "saved.mcap"))
     assert kept >= sent
+
+
+CAPTURE = Path(__file__).parents[3] / "../shared/data/thu_rcl_20190418/static_20190614_test.txt.gz"
+
+
+@pytest.mark.skipif(not CAPTURE.exists(), reason="the capture of a real sniffer is not here")
+def test_a_real_capture_and_the_same_again(tmp_path):
+    data = gzip.decompress(CAPTURE.read_bytes())
+    (tmp_path / "in.bin").write_bytes(data)
+    words = ["-o", "o.mcap", "--source", "uwb=file:in.bin,proto=rcl", "--json"]
+    found = figures(run(tmp_path, *words, code=3).stdout)["uwb"]
+    assert (found["bytes"], found["frames"], found["samples"]) == (len(data), 169_689, 169_689)
+    assert (found["skipped_bytes"], found["tail_bytes"], found["bad_frames"]) == (34, 15, 0)
+    again = run(tmp_path, "--from", "o.mcap", "-o", "again.mcap", "--json", code=3)
+    assert figures(again.stdout)["uwb"] == found
+    with (tmp_path / "o.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    topics = {number: channel.topic for number, channel in summary.channels.items()}
+    counts = {
+        topics[number]: count for number, count in summary.statistics.channel_message_counts.items()
+    }
+    assert sum(count for topic, count in counts.items() if topic.endswith("range")) == 97_897
+    assert sum(count for topic, count in counts.items() if topic.endswith("imu")) == 65_265
+    assert sum(count for topic, count in counts.items() if topic.endswith("odom")) == 6_527
+    with (tmp_path / "o.mcap").open("rb") as one, (tmp_path / "again.mcap").open("rb") as other:
+        pairs = zip(
+            make_reader(one).iter_messages(log_time_order=False),
+            make_reader(other).iter_messages(log_time_order=False),
+            strict=True,
+        )
+        assert all(a[2].data == b[2].data and a[1].topic == b[1].topic for a, b in pairs)
