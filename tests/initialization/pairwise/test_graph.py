@@ -94,7 +94,7 @@ def test_a_pair_of_placed_robots_is_a_measurement(i, j, turns):
     rng = np.random.default_rng(10 * i + j)
     joint, size = joint_of(rng, 3), 3 if turns else 2
     seen = relative_pose(joint.mean[i], joint.mean[j])
-    h = JointHypothesis(-0.5, -0.25, seen + [0.1, -0.05, 0.08], spd(rng, 3))
+    h = JointHypothesis(-0.5, -0.25, seen + np.array([0.1, -0.05, 0.08]), spd(rng, 3))
     found = update_with_pair(joint, i, j, h, turns)
 
     def sight(x):

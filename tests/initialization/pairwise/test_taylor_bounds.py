@@ -224,7 +224,7 @@ def test_scatter_of_one_robot_bends_ranges_by_no_more_than_higher_orders_say(the
     less = sum(higher_orders(work, k, h_t, h_p, 0.0, 0.0)[0] for k in range(2))
     for sign in (-1.0, -0.5, 0.5, 1.0):
         t, p = sign * h_t, sign * h_p
-        r, _ = residuals_and_covariance(pair, *(at + [t, p, 0.0]))
+        r, _ = residuals_and_covariance(pair, *(at + np.array([t, p, 0.0])))
         linear = sums[0] - sums[2] * t - sums[3] * p
         bent = -0.5 * (sums[TT] * t * t + sums[PP] * p * p)
         assert abs(x @ r - linear - bent) <= less + 1e-12
