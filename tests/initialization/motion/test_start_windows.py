@@ -156,9 +156,9 @@ def test_copies_of_the_start_do_not_move():
     assert window.segments.first.tolist() == [0, 40, 80, 80, 80, 80]
 
 
-def halves(change):
-    """R stands for 4 s at 3 m of S1; in the second half it is `change` m further."""
-    rows = [(0.1 * k, 0, 2, 3.0 + (change if k > 20 else 0.0)) for k in range(1, 41)]
+def halves(change, after=20):
+    """R stands for 4 s at 3 m of S1; after some tenths of a second it is `change` m further."""
+    rows = [(0.1 * k, 0, 2, 3.0 + (change if k > after else 0.0)) for k in range(1, 41)]
     return recording([*rows, *((0.1 * k, 3, 2, float(k)) for k in range(1, 41))])
 
 
@@ -177,7 +177,7 @@ def test_a_standstill_lasts_until_odometry_or_ranges_change():
     log = replace(halves(0.0), odometry={"R": odometry_of(v, 0.005 * rng.normal(size=60))})
     found = standstill_end(log, "R", BEGIN, DEFAULTS)
     assert BEGIN + 2 * SECOND <= found <= BEGIN + 3 * SECOND
-    creeping = replace(halves(2.0), odometry=log.odometry)
+    creeping = replace(halves(2.0, after=10), odometry=log.odometry)
     assert standstill_end(creeping, "R", BEGIN, DEFAULTS) == BEGIN
     assert standstill_end(log, "R", BEGIN + 4 * SECOND, DEFAULTS) == BEGIN + 4 * SECOND
 
