@@ -44,6 +44,7 @@ from clt.observability.windows.windows import (
     _robot_windows,
     first_column_of,
     relative_information,
+    sliding_windows,
     windows_as_list,
 )
 from clt.sim.scenario import load_scenario
@@ -210,6 +211,23 @@ def test_what_a_window_fixes_of_a_robot_by_hand():
     assert np.isnan(static.sigma_heading).all()
     assert static.rank.tolist() == [2, 1]
     assert static.words == ("y", "x")
+
+
+@pytest.mark.parametrize(
+    ("window", "length", "starts"),
+    [
+        (0.3, 3, list(range(8))),
+        (0.8, 8, [0, 2]),
+        (0.9, 9, [1]),
+        (1.0, 10, [0]),
+        (99.0, 10, [0]),
+        (0.1, 1, list(range(10))),
+    ],
+)
+def test_windows_begin_four_times_in_their_length_and_end_with_the_log(window, length, starts):
+    """Ten steps of 0.1 s."""
+    found, steps = sliding_windows(SimpleNamespace(dt=0.1, noise=np.zeros((1, 10, 2))), window)
+    assert (found.tolist(), steps) == (starts, length)
 
 
 def test_directions_are_named_by_the_most_similar_candidate():
