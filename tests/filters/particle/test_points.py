@@ -23,10 +23,11 @@ from clt.filters.particle.sir import (
     advance_particle_block,
     propagate_particles,
     resample_particles,
+    sir_kernel,
     weigh_particles,
 )
 from clt.model.belief import Belief
-from clt.model.filter_inputs import Outputs
+from clt.model.filter_inputs import FilterInputs, Outputs, schedule_events
 from clt.model.mixture_moments import ROWS
 from clt.model.mutual import set_inverse_mean
 from clt.model.state_space import make_state_space, world_state_space
@@ -232,3 +233,22 @@ def test_large_cells_are_split_anyway():
     assert 300 < split_cell(x, 0, 1000, 3, cells) < 700
     few, cells = cells_of(np.zeros((3, 3)))
     assert split_cell(few, 0, 3, 3, cells) == 0
+
+
+@pytest.mark.parametrize("ends", [(-1, 0), (0, -1)])
+def test_a_range_of_the_ego_brings_the_ego(ends):
+    """It drives 1 m towards a robot that stands 5 m ahead: then they are 4 m apart."""
+    space, still = make_state_space([1], [0]), 1e-12
+    segments = sample(still, still, drivers=2)._replace(v=np.array([1.0, 0.0]))
+    ranges = table([(1, *ends, 0, 0, 4.0)])
+    none = np.empty(0, np.int64)
+    outputs = Outputs(none, none)
+    inputs = FilterInputs(
+        space, np.zeros((1, 2)), segments, ranges, outputs, schedule_events(ranges, outputs), 0,
+        SECOND,
+    )  # fmt: skip
+    cloud = cloud_of([[5.0, 0.0, 0.0]] * 4, drivers=2)
+    trace = make_mixture_output(outputs, ranges)
+    sir_kernel(cloud, inputs, 16.0, 1, False, trace)
+    assert trace.residual[0] == pytest.approx(0.0, abs=1e-3)
+    assert cloud.time.tolist() == [SECOND, SECOND]
