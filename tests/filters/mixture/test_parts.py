@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
+from clt.filters.kalman.free import inactive_directions
 from clt.filters.mixture.adaptive_splitting import (
     MAX_HEADING_SIGMA,
     MAX_PATH_CURVATURE,
@@ -65,7 +66,7 @@ from clt.filters.mixture.splitting import (
 from clt.model.filter_inputs import Outputs
 from clt.model.range_model import predict_range
 from clt.model.state_space import world_state_space
-from clt.model.twist_segments import TwistSegments
+from clt.model.twist_segments import TwistSegments, no_segments
 from tests.filters.kalman.test_search_parts import SECOND, table
 
 pytestmark = pytest.mark.usefixtures("interpreted")
@@ -86,7 +87,7 @@ def bank_of(weights, means, covariances, room=60):
     log_weight[:K], mean[:K], covariance[:K] = np.log(weights), means, covariances
     return GaussianSum(
         log_weight, mean, covariance, np.array([K]), np.zeros(B, np.int64),
-        np.arange(B), 0, np.zeros(1), np.zeros(B),
+        np.arange(B), inactive_directions(), np.zeros(1), np.zeros(B),
         np.zeros((2, 6), np.int64), np.zeros((2, 6)), np.zeros(N),
         np.zeros((B, 2)), np.zeros((B, 2)), np.zeros((N, 2)),
     )  # fmt: skip
@@ -345,7 +346,8 @@ def test_a_scalar_update_is_the_textbook_one():
 def fused(bank, ranges, gate=16.0, lever=None):
     none = np.empty(0, np.int64)
     trace = make_mixture_output(Outputs(none, none), ranges)
-    fuse_range(bank, np.zeros((1, 2)) if lever is None else lever, ranges, 0, gate, trace)
+    lever = np.zeros((1, 2)) if lever is None else lever
+    fuse_range(bank, world_state_space(1), no_segments(), lever, ranges, 0, gate, trace)
     return trace
 
 

@@ -15,16 +15,14 @@ from clt.initialization.motion.initial_guesses import (
     perturbed_layout,
 )
 from clt.initialization.motion.layout import (
-    _contradictory,
     _conventional,
     _images,
     _inverse,
     _off,
-    _problem,
-    _well_posed,
     reflect_at_line,
     same_place_distance,
 )
+from clt.initialization.motion.layout_fit import is_contradictory, is_well_posed, layout_problem
 from clt.initialization.motion.layout_minima import (
     layout_cost,
     layout_normal_equations,
@@ -395,23 +393,23 @@ def test_directions_without_information_are_loose():
 
 @pytest.mark.parametrize(("cost", "said"), [(16.2, False), (16.4, True)])
 def test_three_more_distances_than_unknowns_contradict_each_other_once_in_a_thousand(cost, said):
-    problem = _problem(pairs_of(spread_out(5, 20)), 5, {})
+    problem = layout_problem(pairs_of(spread_out(5, 20)), 5, {})
     assert int(problem.free.sum()) == 7
-    assert _contradictory(problem, (np.empty(7), cost)) == said
-    few = _problem(pairs_of(spread_out(3, 20)), 3, {})
-    assert not _contradictory(few, (np.empty(3), 1e9))
+    assert is_contradictory(problem, (np.empty(7), cost)) == said
+    few = layout_problem(pairs_of(spread_out(3, 20)), 3, {})
+    assert not is_contradictory(few, (np.empty(3), 1e9))
 
 
 def test_a_problem_is_well_posed_with_more_distances_than_unknowns_all_needed():
     points = spread_out(5, 21)
-    whole = _problem(pairs_of(points), 5, {})
-    assert _well_posed(whole, points[whole.free])
-    just = _problem(pairs_of(points, leave_out=((0, 2), (1, 3), (2, 4))), 5, {})
-    assert not _well_posed(just, points[just.free])
-    loose = _problem(pairs_of(points, leave_out=((0, 4), (1, 4))), 5, {4: points[4]})
+    whole = layout_problem(pairs_of(points), 5, {})
+    assert is_well_posed(whole, points[whole.free])
+    just = layout_problem(pairs_of(points, leave_out=((0, 2), (1, 3), (2, 4))), 5, {})
+    assert not is_well_posed(just, points[just.free])
+    loose = layout_problem(pairs_of(points, leave_out=((0, 4), (1, 4))), 5, {4: points[4]})
     assert loose.fixed[4].tolist() == points[4].tolist()
     line = np.column_stack([np.arange(5.0), np.zeros(5)])
-    assert not _well_posed(whole, line[whole.free])
+    assert not is_well_posed(whole, line[whole.free])
     h = 1e-6
     at = points[whole.free]
     J = [(whole.residual(at + e) - whole.residual(at - e)) / (2.0 * h) for e in h * np.eye(7)]

@@ -8,7 +8,7 @@ from scipy.integrate import quad
 
 from clt.core.errors import CltError
 from clt.core.geometry import wrap_angle
-from clt.initialization.pairwise.branch_and_bound import (
+from clt.initialization.pairwise.descents import (
     CELL_FARTHEST,
     CELL_FIELDS,
     CELL_NEAREST,

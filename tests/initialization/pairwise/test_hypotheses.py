@@ -7,7 +7,7 @@ import pytest
 
 from clt.core.geometry import rotation_matrix
 from clt.initialization.pairwise import hypotheses
-from clt.initialization.pairwise.branch_and_bound import CELL_FIELDS
+from clt.initialization.pairwise.descents import CELL_FIELDS
 from clt.initialization.pairwise.evidence import evidence_share, lines_of_sight
 from clt.initialization.pairwise.hypotheses import (
     MAX_SHARP_SIGMAS,

@@ -7,18 +7,17 @@ import pytest
 from scipy.optimize import least_squares
 
 from clt.initialization.pairwise.branch_and_bound import (
-    COARSE_CELLS,
     FIRST_SWEEP_RANGES,
     MAX_SQRT_COST_CHANGE,
     MAX_SQRT_COST_CHANGE_UNLIKELY,
     UNLIKELY_COST_DIFFERENCE,
     allowed_change,
     fakeable_cost,
-    fill_angle_cells,
     first_sweep_pair,
     pair_subset,
     sqrt_cost_change,
 )
+from clt.initialization.pairwise.descents import COARSE_CELLS, fill_angle_cells
 from clt.initialization.pairwise.likelihood import (
     AT_DISTANCE,
     COST,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clt.initialization.pairwise.branch_and_bound import CELL_FIELDS, HALF_PHI, HALF_THETA
+from clt.initialization.pairwise.descents import CELL_FIELDS, HALF_PHI, HALF_THETA
 from clt.initialization.pairwise.likelihood import (
     COST_FIELDS,
     D_PHI,

@@ -25,6 +25,9 @@ from clt.observability.windows.gramian import (
 )
 from clt.observability.windows.reference import build_reference
 from clt.observability.windows.sweep import (
+    WindowMotion,
+    WindowRanges,
+    WindowWorkspace,
     add_end,
     add_range,
     add_window_information,
@@ -117,9 +120,13 @@ def test_a_window_is_noise_then_ranges_step_by_step():
     prior = spd(rng, 5)
     Y = np.tile(prior, (2, 1, 1))
     add_window_information(
-        Y, np.array([0, 1]), np.array([2, 2]), before, a, b, ends, variance, FIRST, path, noise,
-        np.empty(5), np.empty(6), np.empty(6, np.int64),
-    )  # fmt: skip
+        Y,
+        np.array([0, 1]),
+        np.array([2, 2]),
+        WindowRanges(before, a, b, ends, variance),
+        WindowMotion(FIRST, path, noise),
+        WindowWorkspace(np.empty(5), np.empty(6), np.empty(6, np.int64)),
+    )
 
     def stepped(Y, k):
         x, y, c, s = path[0, k]
