@@ -10,6 +10,8 @@ from clt.core.diagnostics import Diagnostic
 from clt.devices.sources.source import Chunk, Connection
 
 INBOX_BYTES = 64 << 20
+WAITING_BYTES = 4 << 20
+"""What can wait does so from here on: nothing is lost by it, and memory is saved."""
 ITEM_BYTES = 200
 """What an item costs beside its bytes."""
 
@@ -50,9 +52,10 @@ class Inbox:
     def put(self, source: str, content: Content, *, wait_s: float = 0.0) -> bool:
         """Append; of a chunk only if there is room, perhaps after a while. Whether it was."""
         size = ITEM_BYTES + (len(content.data) if isinstance(content, Chunk) else 0)
+        most = self._most if wait_s == 0.0 else min(self._most, WAITING_BYTES)
         with self._changed:
             if isinstance(content, Chunk):
-                room = self._changed.wait_for(lambda: self._bytes + size <= self._most, wait_s)
+                room = self._changed.wait_for(lambda: self._bytes + size <= most, wait_s)
                 if not room:
                     return False
             self._items.append((source, content))

@@ -60,7 +60,7 @@ class Device:
 
     def close(self) -> None:
         self.closed = True
-        self.thread.join(5.0)
+        self.thread.join()
         self.socket.close()
 
     def sent_before(self, moment: float) -> int:

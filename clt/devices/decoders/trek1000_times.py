@@ -34,6 +34,7 @@ class Exchange(NamedTuple):
 
     @property
     def key(self) -> tuple[str, int]:
+        """Which exchange a line belongs to: tag and sequence number."""
         return self.tag, self.sequence
 
 
