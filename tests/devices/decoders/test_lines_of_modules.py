@@ -154,13 +154,17 @@ def test_reports_are_started_and_never_stopped(shell, reporting, last):
     assert decoder.counts.frames >= (118 if shell and reporting else 60)
 
 
-def test_a_module_that_reports_once_a_second_is_left_alone():
+@pytest.mark.parametrize(
+    "line", [LEC, b"POS,7.10,5.24,-2.03,53", b"022E[7.94,8.03,0.00]=3.38 le_us=3082", SPLICED]
+)
+def test_a_module_that_reports_once_a_second_is_left_alone(line):
+    """Whatever its reports hold."""
     decoder = make_decoder("dwm1001", {"node": "R1"}, "uwb")
     decoder.start()
     for tenth in range(300):
         assert decoder.poll(tenth / 10) == b""
         if tenth % 10 == 9:
-            decoder.feed(LEC + b"\r\n")
+            decoder.feed(line + b"\r\n")
     sent = [decoder.poll(30.0 + tenth / 10) for tenth in range(60)]
     assert sum(one != b"" for one in sent) == 1
 

@@ -107,7 +107,8 @@ def test_counts_of_wheels_and_revolutions():
     assert said(ticks, later | {"left": 1e15}, **given)[1].counts.bad_frames == 1
     erpm = {"type": "erpm", "node": "a", "erpm": 2307, "t": 1}
     found, _ = said(erpm, erpm | {"erpm": 1e9}, erpm_offset="-2307")
-    assert [one.v for one in found] == [1.0]
+    assert [one[:5] for one in found] == [(0, 10**9, "", "a", 1.0)]
+    assert isnan(found[0].omega)
 
 
 def test_clocks_of_nodes():

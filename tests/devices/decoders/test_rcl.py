@@ -28,6 +28,11 @@ def range_frame(ms, one, other, distance):
     return b"\xa5\x5a\x0f\x03" + struct.pack("<IBBd", ms, one, other, distance) + b"\xdd"
 
 
+def wheels_frame(dx, dphi):
+    """Over 50 ms."""
+    return b"\xa5\x5a\x13\x02" + struct.pack("<IBBfff", 1, 1, 50, dx, 0.0, dphi) + b"\xdd"
+
+
 def test_vectors():
     decoder, (wheels, distance) = fed(WHEELS + RANGE)
     assert wheels[:4] == (0, 3_714_410_000_000, "", "1")
@@ -54,6 +59,9 @@ def test_inertial_readings_are_in_g_and_degrees():
         range_frame(1, 0, 6, 1.0),
         range_frame(1, 2, 2, 1.0),
         WHEELS.replace(b"\x01\x32", b"\x01\x00"),
+        wheels_frame(50.0, 0.0),
+        wheels_frame(0.0, -50.0),
+        range_frame(1, 0, 1, 1000.0),
     ],
 )
 def test_a_value_without_sense_is_refused(frame):
