@@ -22,8 +22,8 @@ from clt.initialization.status import Initialization, RobotStatus, unobservable_
 
 PACKAGE = Path(diagnostics.__file__).parents[1]
 ALGORITHMS = (
-    "calibration", "core", "devices", "estimation", "filters", "initialization", "jit", "metrics", "model",
-    "observability", "ranging", "sim",
+    "calibration", "core", "devices", "estimation", "filters", "initialization", "jit", "metrics",
+    "model", "observability", "ranging", "sim",
 )  # fmt: skip
 OPTION = re.compile(r"(?<![\w-])--[a-z]")
 PAIR = {
@@ -127,6 +127,7 @@ def test_every_kind_renders_to_one_line(kind):
 STRINGS = {
     "anchors", "ego", "error", "filter", "frames", "pair", "pairs", "reference", "robots", "static",
     "status", "stream", "text", "what", "why",
+    "proto",
 }  # fmt: skip
 
 

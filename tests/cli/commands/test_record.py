@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import hashlib
 import io
 import json
 import os
@@ -521,3 +522,15 @@ def test_a_real_capture_and_the_same_again(tmp_path):
             strict=True,
         )
         assert all(a[2].data == b[2].data and a[1].topic == b[1].topic for a, b in pairs)
+
+
+def test_captured_bytes_are_never_overwritten(tmp_path):
+    (tmp_path / "in.json").write_bytes(ndjson(0.2))
+    words = ["--source", "net=file:in.json,proto=ndjson", "--force"]
+    done = run(tmp_path, "-o", "in.json", *words, code=1)
+    assert "is also an input" in done.stderr
+    assert (tmp_path / "in.json").read_bytes() == ndjson(0.2)
+    run(tmp_path, "-o", "o.mcap", *words)
+    log = load(tmp_path / "o.mcap").recording
+    digest = hashlib.sha256(ndjson(0.2)).hexdigest()
+    assert json.loads(log.run["inputs"]) == {"in.json": digest}
