@@ -92,10 +92,12 @@ class RecordCommand:
 
     @property
     def split_bytes(self) -> int | None:
+        """Size from which a new file is begun; None for no limit."""
         return None if self.split_size is None else size_in_bytes("--split-size", self.split_size)
 
     @property
     def splits(self) -> bool:
+        """Whether there are several files."""
         return self.split_size is not None or self.split_duration_s is not None
 
 

@@ -76,14 +76,17 @@ class Team:
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Of all robots, in their order."""
         return tuple(robot.name for robot in self.robots)
 
     @property
     def moving(self) -> tuple[Robot, ...]:
+        """Robots that may move."""
         return tuple(robot for robot in self.robots if not robot.static)
 
     @property
     def static(self) -> tuple[Robot, ...]:
+        """Robots that stand for good."""
         return tuple(robot for robot in self.robots if robot.static)
 
     def index(self, name: str) -> int:

@@ -142,6 +142,7 @@ class SampleWriter:
         return name
 
     def range(self, sample: RangeSample, stamp: int, log_time: int) -> bool:
+        """Write a range; False where no robot is known for an end."""
         key = (sample.source, sample.target)
         ends = self.pairs[key] if key in self.pairs else self._new_pair(key)
         if ends is None:
@@ -185,6 +186,7 @@ class SampleWriter:
         return ends
 
     def imu(self, sample: ImuSample, stamp: int, log_time: int) -> bool:
+        """Write inertial measurements; False where no robot is known."""
         out = self.inertial.get(sample.node)
         if out is None:
             robot = self._robot(sample.node)
@@ -201,6 +203,7 @@ class SampleWriter:
         return True
 
     def odometry(self, sample: OdometrySample, stamp: int, log_time: int) -> bool:
+        """Write odometry; False where no robot is known."""
         robot = self._robot(sample.node)
         if robot is None:
             return False
@@ -240,6 +243,7 @@ class SampleWriter:
         return True
 
     def packet(self, sample: PacketSample, stamp: int, log_time: int) -> bool:
+        """Write a packet with raw stamps; False where no robot is known."""
         robot = self._robot(sample.node)
         if robot is None:
             return False
@@ -280,6 +284,7 @@ class SampleWriter:
         return True
 
     def pose(self, sample: PoseSample, stamp: int, log_time: int) -> bool:
+        """Write a reference pose; False where no robot is known."""
         robot = self._robot(sample.node)
         if robot is None:
             return False

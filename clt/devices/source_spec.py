@@ -41,6 +41,7 @@ class SourceSpec:
 
     @property
     def decoder(self) -> DecoderSpec:
+        """What its bytes mean. Raises UsageError for an unknown protocol."""
         return find_decoder(self.proto, self.name)
 
     @property

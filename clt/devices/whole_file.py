@@ -22,6 +22,7 @@ class WholeFile:
         return len(data)
 
     def seek(self, position: int) -> int:
+        """Go on at a byte."""
         return os.lseek(self._file, position, os.SEEK_SET)
 
     def truncate(self) -> None:

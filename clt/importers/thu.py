@@ -97,15 +97,13 @@ def _read_mat(path: Path) -> tuple[list[Any], list[Any]]:
 
     try:
         content = loadmat(str(path), appendmat=False, squeeze_me=True)
+    except FileNotFoundError as error:
+        raise LogError(f"{path}: {error.strerror}; give the folder that holds {MAT_FILE}") from None
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from None
-    except Exception as error:  # noqa: BLE001 - scipy lets through whatever a broken file provokes
-        raise LogError(f"{path}: not a MATLAB 5 file: {_one_line(error)}") from None
+    except Exception:  # noqa: BLE001 - scipy lets through whatever a broken file provokes
+        raise LogError(f"{path}: not a MATLAB 5 file, or a damaged one; {MAT_FILE} is") from None
     return _structs(content, "range_m", path), _structs(content, "robot", path)
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _structs(content: dict[str, Any], name: str, path: Path) -> list[Any]:

@@ -182,6 +182,7 @@ def particle_mode_probability(
     )
 
 
+# More than eight arguments: beliefs of filters that keep them differently.
 @compiled_noalloc
 def fitted(
     log_weight: Floats, x: Floats, P: Floats, count: int, o: int, C: Floats, centre: Floats,
@@ -197,6 +198,7 @@ def fitted(
     return min(total, 1.0)
 
 
+# More than eight arguments: beliefs of filters that keep them differently.
 @compiled_noalloc
 def refit_mode(
     log_weight: Floats, x: Floats, P: Floats, count: int, o: int, C: Floats, centre: Floats,

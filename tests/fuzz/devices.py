@@ -1,9 +1,10 @@
 """Fuzzer of decoders: damaged streams may lose samples, and nothing else may happen.
 
-Run: python -m tests.fuzz.devices --count 1000000 --seed 1 [--first K]. Every case damages a short
-stream of one device, and feeds it in two ways of cutting, which must give the same samples and
-counts. Every byte must be accounted for, every value finite or said to be unknown, the memory kept
-small. Findings are printed as they come, with their numbers; `--first` goes on from a case.
+Run: python -m tests.fuzz.devices --count 1000000 --seed 1 [--first K] [--proto P]. Every case
+damages a short stream of one device, and feeds it in two ways of cutting, which must give the same
+samples and counts. Every byte must be accounted for, every value finite or said to be unknown, the
+memory kept small. Findings are printed as they come, with their numbers; `--first` goes on from a
+case.
 """
 
 from __future__ import annotations
@@ -154,10 +155,12 @@ def check_sample(proto, sample, frames):
     assert sample.device_ns is None or abs(sample.device_ns) < 1 << 63, f"{proto}: time"
 
 
-def run(first, count):
-    """Findings of `count` cases from `first` on, as (number, text)."""
+def run(first, count, proto=None):
+    """Findings of `count` cases from `first` on, or of those of one protocol: (number, text)."""
     findings = []
     for seed in range(first, first + count):
+        if proto not in {None, PROTOCOLS[seed % len(PROTOCOLS)]}:
+            continue
         began = time.process_time()
         try:
             check(seed)
@@ -175,13 +178,14 @@ def main():
     parser.add_argument("--count", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=0, help="number of the first case of all")
     parser.add_argument("--first", type=int, help="number of the case to go on from")
+    parser.add_argument("--proto", choices=PROTOCOLS, help="only the cases of one protocol")
     given = parser.parse_args()
     begin, end = given.seed, given.seed + given.count
     begin = max(begin, begin if given.first is None else given.first)
     found = 0
     for first in range(begin, end, 10_000):
         count = min(10_000, end - first)
-        for seed, text in run(first, count):
+        for seed, text in run(first, count, given.proto):
             found += 1
             print(f"{seed}: {text}", flush=True)
         print(f"done up to {first + count}, {found} findings", file=sys.stderr, flush=True)

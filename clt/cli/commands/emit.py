@@ -26,6 +26,7 @@ MAX_RATE = 1e6
 
 
 def emit(
+    *,
     log: LogArgument,
     proto: Annotated[
         str,

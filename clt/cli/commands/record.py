@@ -11,6 +11,7 @@ from clt.cli.options import ForceOption, JsonOption, OutputOption, QuietOption, 
 
 
 def record(
+    *,
     output: OutputOption,
     source: Annotated[
         list[str],

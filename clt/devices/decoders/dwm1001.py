@@ -33,8 +33,10 @@ LES_WORD = re.compile(rb"([0-9A-Fa-f]{4})\[" + rb",".join([NUMBER] * 3) + rb"\]=
 LES_OTHER_WORD = re.compile(rb"le_us=\d+|est\[[-\d.,]+\]")
 PROMPT = re.compile(rb"^(?:dwm> *)+(?:le[csp] *)?")
 MAX_RANGE_M = 1e3
-SILENT_S = 1.0
-"""After which the module is thought to report nothing."""
+SILENT_S = 1.5
+"""After which a module that never reported is thought to report nothing."""
+STOPPED_S = 5.0
+"""After which one that did report is thought to have stopped."""
 ENTER, REPORT = b"\r\r", b"lec\r"
 """Into the shell; toggle the reports."""
 
@@ -103,7 +105,7 @@ class Dwm1001Format:
         if self.quiet_since_s is None or self.reports > self.reports_seen:
             self.quiet_since_s, self.reports_seen = now_s, self.reports
             self.entered = False
-        if now_s - self.quiet_since_s < SILENT_S:
+        if now_s - self.quiet_since_s < (SILENT_S if self.reports == 0 else STOPPED_S):
             return b""
         self.quiet_since_s = now_s
         self.entered = not self.entered

@@ -14,12 +14,17 @@ Source: firmware "Ver.2.25mx TREK", `dw_main.c` and `instance_anch.c`.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 from clt.devices.decoders.lines import LineDecoder, Verdict
 from clt.devices.decoders.options import optional_number
+from clt.devices.decoders.trek1000_times import (
+    Exchange,
+    ExchangeTimes,
+    Measured,
+    TimedExchange,
+)
 from clt.devices.decoders.unwrap import Unwrapped, UnwrappedByName
 from clt.devices.samples import RangeSample, Sample
 
@@ -37,9 +42,6 @@ MAX_RANGE_MM = 1_000_000
 TIME_DIGITS = 8
 """Hexadecimal digits of a device's time; clones without a clock print `0`."""
 NS_PER_MS = 1_000_000
-DEFAULT_PERIOD_MS = 100
-"""Of a tag of which one line only arrived."""
-MAX_PERIOD_MS = 10_000
 
 
 @dataclass(frozen=True)
@@ -50,56 +52,24 @@ class Trek1000Settings:
     """How much older than its line a range is, s; by default one period of its tag."""
 
 
-class Measured(NamedTuple):
-    """One range of a line, mm."""
-
-    source: str
-    target: str
-    distance_mm: int
-    raw_mm: int
-
-
-class Exchange(NamedTuple):
-    """What a line of corrected ranges holds."""
-
-    frame: int
-    tag: str
-    sequence: int
-    """8 bits."""
-    time_ms: int | None
-    """Of the line by the device's clock, unwrapped."""
-    ranges: tuple[Measured, ...]
-
-    @property
-    def key(self) -> tuple[str, int]:
-        return self.tag, self.sequence
-
-
-@dataclass
-class TagClock:
-    """When the exchanges of a tag happen."""
-
-    sequence: int
-    time_ms: int
-    period_ms: float | None = None
-    first: Exchange | None = None
-    """Waits for the second, which gives the period."""
-
-
-@dataclass
 class Trek1000Format:
     """Lines of a TREK1000."""
 
-    latency_ms: float | None
-    clock: Unwrapped = field(default_factory=lambda: Unwrapped(32))
-    sequences: UnwrappedByName = field(default_factory=lambda: UnwrappedByName(8))
-    tags: dict[str, TagClock] = field(default_factory=dict)
-    waiting: Exchange | None = None
-    """Corrected ranges whose uncorrected ones may follow."""
-    raw: tuple[tuple[str, int], dict[str, int]] | None = None
-    """The latest uncorrected ranges, whose corrected ones may follow: exchange, mm by anchor."""
-    raw_follows: bool = True
-    """Uncorrected ranges stand behind the corrected ones (as the firmware prints them)."""
+    def __init__(self, latency_ms: float | None) -> None:
+        self._latency_ms = latency_ms
+        self.reset()
+
+    def reset(self) -> None:
+        self.clock, self.sequences = Unwrapped(32), UnwrappedByName(8)
+        self.times = ExchangeTimes(self._latency_ms)
+        self.waiting: Exchange | None = None
+        """Corrected ranges whose uncorrected ones may follow."""
+        self.bare: tuple[str, int] | None = None
+        """The latest exchange that was completed without uncorrected ranges."""
+        self.raw: tuple[tuple[str, int], dict[str, int]] | None = None
+        """The latest uncorrected ranges without corrected ones: exchange, mm by anchor."""
+        self.raw_follows = True
+        """Uncorrected ranges stand behind the corrected ones, as the firmware prints them."""
 
     def parse(self, line: bytes, frame: int) -> Sequence[Sample] | Verdict:
         found = LINE.fullmatch(line)
@@ -127,98 +97,63 @@ class Trek1000Format:
         if any(abs(one.distance_mm) >= MAX_RANGE_MM for one in ranges):
             return Verdict.REFUSED
         if kind.lower() == b"mr":
-            return self._uncorrected(name, number, ranges)
+            return self._uncorrected((name, number), ranges)
         time_ms = self.clock.take(int(time, 16)) if len(time) == TIME_DIGITS else None
         return self._corrected(Exchange(frame, name, number, time_ms, ranges))
 
-    def _corrected(self, exchange: Exchange) -> Sequence[Sample]:
+    def _corrected(self, exchange: Exchange) -> list[Sample]:
         ready: list[Sample] = []
         if self.waiting is not None:
             self.raw_follows = False
-            ready += self._timed(self.waiting)
+            ready += self._bare(self.waiting)
             self.waiting = None
-        if exchange.tag == OF_ANCHORS:
-            return [*ready, *self._timed(exchange)]
         if self.raw is not None and self.raw[0] == exchange.key:
             exchange, self.raw = _with_raw(exchange, self.raw[1]), None
-        elif self.raw_follows:
+            return ready + self._samples(self.times.take(exchange))
+        if self.raw_follows and exchange.tag != OF_ANCHORS:
             self.waiting = exchange
             return ready
-        return [*ready, *self._timed(exchange)]
+        return ready + self._bare(exchange)
 
-    def _uncorrected(
-        self, tag: str, sequence: int, ranges: tuple[Measured, ...]
-    ) -> Sequence[Sample]:
+    def _bare(self, exchange: Exchange) -> list[Sample]:
+        """An exchange without uncorrected ranges."""
+        self.bare = exchange.key
+        return self._samples(self.times.take(exchange))
+
+    def _uncorrected(self, key: tuple[str, int], ranges: tuple[Measured, ...]) -> list[Sample]:
         distances = {one.target: one.distance_mm for one in ranges}
-        if self.waiting is not None and self.waiting.key == (tag, sequence):
+        if self.waiting is not None and self.waiting.key == key:
             exchange, self.waiting = _with_raw(self.waiting, distances), None
-            return self._timed(exchange)
-        clock = self.tags.get(tag)
-        if clock is not None and clock.sequence == sequence:
-            self.raw_follows = True  # as was not expected: from the next exchange on it is
-        self.raw = (tag, sequence), distances
-        return ()
+            return self._samples(self.times.take(exchange))
+        self.raw_follows = self.raw_follows or self.bare == key
+        self.raw = key, distances
+        return []
 
-    def _timed(self, exchange: Exchange) -> list[Sample]:
-        """The ranges of an exchange, and of a first one that waited, with the time they had."""
-        if exchange.time_ms is None:
-            return self._samples(exchange, None)
-        if self.latency_ms is not None:
-            return self._samples(exchange, exchange.time_ms - self.latency_ms)
-        clock = self.tags.get(exchange.tag)
-        if clock is None:
-            self.tags[exchange.tag] = TagClock(exchange.sequence, exchange.time_ms, first=exchange)
-            return []
-        lines = (exchange.sequence - clock.sequence) & 0xFF
-        elapsed = exchange.time_ms - clock.time_ms
-        if (
-            lines > 0
-            and 0 <= elapsed / lines <= MAX_PERIOD_MS
-            and (lines == 1 or clock.period_ms is None)
-        ):
-            clock.period_ms = elapsed / lines
-        period = DEFAULT_PERIOD_MS if clock.period_ms is None else clock.period_ms
-        ready: list[Sample] = []
-        if clock.first is not None and clock.first.time_ms is not None:
-            ready += self._samples(clock.first, clock.first.time_ms - period)
-        clock.first, clock.sequence, clock.time_ms = None, exchange.sequence, exchange.time_ms
-        return [*ready, *self._samples(exchange, exchange.time_ms - period)]
-
-    def _samples(self, exchange: Exchange, time_ms: float | None) -> list[Sample]:
-        device_ns = None if time_ms is None else round(time_ms * NS_PER_MS)
-        sequence = self.sequences.take(exchange.tag, exchange.sequence)
+    def _samples(self, exchanges: Iterable[TimedExchange]) -> list[Sample]:
         return [
             RangeSample(
                 exchange.frame,
-                device_ns,
+                None if time_ms is None else round(time_ms * NS_PER_MS),
                 "",
                 one.source,
                 one.target,
                 one.distance_mm / 1000.0,
                 one.raw_mm / 1000.0,
-                sequence,
+                self.sequences.take(exchange.tag, exchange.sequence),
             )
+            for exchange, time_ms in exchanges
             for one in exchange.ranges
         ]
 
     def held(self) -> Sequence[Sample]:
-        ready: list[Sample] = []
-        if self.waiting is not None:
-            ready += self._timed(self.waiting)
-        for clock in self.tags.values():
-            if clock.first is not None and clock.first.time_ms is not None:
-                ready += self._samples(clock.first, clock.first.time_ms - DEFAULT_PERIOD_MS)
-        return ready
+        waiting = [] if self.waiting is None else self._bare(self.waiting)
+        return waiting + self._samples(self.times.held())
 
     def start(self) -> bytes:
         return b""
 
     def poll(self, now_s: float) -> bytes:  # noqa: ARG002 a query would stop the reports
         return b""
-
-    def reset(self) -> None:
-        self.clock, self.sequences = Unwrapped(32), UnwrappedByName(8)
-        self.tags, self.waiting, self.raw = {}, None, None
 
 
 def _signed(value: int) -> int:

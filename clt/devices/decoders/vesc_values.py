@@ -20,7 +20,7 @@ def erpm_offset() -> float:
     return offset
 
 
-def speed_of(erpm: int, gain: float, offset: float) -> float | None:
+def speed_of(erpm: float, gain: float, offset: float) -> float | None:
     """Forward speed, m/s; None for one that makes no sense."""
     v = (erpm - offset) / gain
     return v if -MAX_SPEED < v < MAX_SPEED else None

@@ -15,7 +15,7 @@ from clt.devices.emission.vesc_requests import VescRequests
 from clt.devices.encoders.vesc import erpm_of, values_reply
 from clt.devices.samples import OdometrySample
 
-BLOCK_BYTES = 1 << 16
+BLOCK_FRAMES = 1024
 """Sent at once where nothing is paced."""
 POLL_WAIT_S = 0.02
 
@@ -58,17 +58,18 @@ def play(emission: Emission, sink: Sink, rate: float) -> Sent:
     """
     if emission.spec.answers and sink.two_way:
         return _answer(emission, sink, rate)
-    pace, frames, sent_bytes, block = Pace(rate), 0, 0, b""
-    whole = sink.datagrams or rate > 0.0
+    pace, frames, sent_bytes = Pace(rate), 0, 0
+    block: list[bytes] = []
+    block_frames = 1 if sink.datagrams or rate > 0.0 else BLOCK_FRAMES
     for at, data in emission:
         pace.wait(at)
-        block += data
+        block.append(data)
         frames, sent_bytes = frames + 1, sent_bytes + len(data)
-        if whole or len(block) >= BLOCK_BYTES:
-            sink.write(block)
-            block = b""
+        if len(block) == block_frames:
+            sink.write(b"".join(block))
+            block.clear()
     if len(block) > 0:
-        sink.write(block)
+        sink.write(b"".join(block))
     return Sent(frames, sent_bytes)
 
 
@@ -79,14 +80,13 @@ def _answer(emission: Emission, sink: Sink, rate: float) -> Sent:
     frames = sent_bytes = 0
     current, following = None, next(samples, None)
     while following is not None:
-        data = sink.read(POLL_WAIT_S)
+        masks = requests.take(sink.read(POLL_WAIT_S))
         now = pace.now_ns(following.device_ns or 0)
-        for mask in requests.take(data):
+        while rate > 0.0 and following is not None and (following.device_ns or 0) <= now:
+            current, following = following, next(samples, None)
+        for mask in masks:
             if rate == 0.0:
                 current, following = following, next(samples, None)
-            else:
-                while following is not None and (following.device_ns or 0) <= now:
-                    current, following = following, next(samples, None)
             erpm = None
             if current is not None:
                 erpm = erpm_of(current.v, settings.erpm_per_mps, settings.erpm_offset)
@@ -94,7 +94,7 @@ def _answer(emission: Emission, sink: Sink, rate: float) -> Sent:
                 reply = values_reply(erpm, mask)
                 sink.write(reply)
                 frames, sent_bytes = frames + 1, sent_bytes + len(reply)
-            if following is None:
+            if rate == 0.0 and following is None:
                 break
     return Sent(frames, sent_bytes)
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 from clt.devices.decoders.trek1000 import (
     ANCHOR_PAIRS,
-    DEFAULT_PERIOD_MS,
     MAX_RANGE_MM,
     NO_RANGE_MM,
     NS_PER_MS,
     OF_ANCHORS,
 )
+from clt.devices.decoders.trek1000_times import DEFAULT_PERIOD_MS
 from clt.devices.encoders.encoder import NOT_CARRIED_PAIR, OUT_OF_SCALE, TOO_MANY, Timed, whole
 from clt.devices.samples import RangeSample, Sample
 

@@ -201,7 +201,9 @@ class CountingFile:
         return len(data)
 
     def tell(self) -> int:
+        """Bytes written so far."""
         return self._count
 
     def flush(self) -> None:
+        """Give all to the operating system."""
         self._file.flush()

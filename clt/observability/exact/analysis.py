@@ -35,10 +35,12 @@ class Analysis:
 
     @property
     def nullity(self) -> int:
+        """Dimension of what is not observable."""
         return self.dimension - self.rank
 
     @property
     def observable(self) -> bool:
+        """Whether everything is."""
         return self.nullity == 0
 
     @property

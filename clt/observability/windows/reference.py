@@ -14,7 +14,7 @@ from clt.core.start import median_period
 from clt.initialization.given.recorded import recorded_poses
 from clt.model.noise import DEFAULT_SIGMA_OMEGA, DEFAULT_SIGMA_V, first_known
 from clt.model.range_table import RangeTable, range_table
-from clt.model.settings import NoiseSettings
+from clt.model.settings import MAX_SETTING, NoiseSettings
 from clt.model.twist_segments import robot_segments
 from clt.observability.windows.track import RestingTrack, resting_track
 
@@ -208,7 +208,7 @@ def _noise(
         assumed.append(Diagnostic("odometry_noise_assumed", robot.name, values=values))
         sigma = np.where(np.isnan(sigma), [DEFAULT_SIGMA_V, DEFAULT_SIGMA_OMEGA], sigma)
     interval = max(median_period(poses.stamp) * 1e-9, MIN_PERIOD_S)
-    return np.square(sigma) * interval * dt, assumed
+    return np.square(np.minimum(sigma, MAX_SETTING)) * interval * dt, assumed
 
 
 def usable_ranges(recording: Recording) -> Ranges:

@@ -1,12 +1,15 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
+import typer
 from typer.testing import CliRunner
 
 from clt.cli.app import app
 from clt.devices.decoders.table import make_decoder
+from clt.devices.encoders.table import ENCODERS
 
 
 @pytest.fixture(scope="module")
@@ -18,6 +21,12 @@ def log(tmp_path_factory):
 
 def run(*words):
     return CliRunner().invoke(app, [str(word) for word in words])
+
+
+def test_help_names_every_protocol():
+    command = typer.main.get_command(app).load("emit")
+    text = next(one.help for one in command.params if one.name == "proto")
+    assert set(re.findall(r"[a-z][\w-]+", text)) - {"or"} == set(ENCODERS)
 
 
 def test_a_file(log, tmp_path):

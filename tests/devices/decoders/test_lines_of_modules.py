@@ -151,7 +151,18 @@ def test_reports_are_started_and_never_stopped(shell, reporting, last):
         samples = decoder.feed(answer + (LEC + b"\r\n" if module.reporting else b""))
         silent = silent + 1 if len(samples) == 0 else 0
     assert silent == 0
-    assert decoder.counts.frames >= (118 if shell and reporting else 70)
+    assert decoder.counts.frames >= (118 if shell and reporting else 60)
+
+
+def test_a_module_that_reports_once_a_second_is_left_alone():
+    decoder = make_decoder("dwm1001", {"node": "R1"}, "uwb")
+    decoder.start()
+    for tenth in range(300):
+        assert decoder.poll(tenth / 10) == b""
+        if tenth % 10 == 9:
+            decoder.feed(LEC + b"\r\n")
+    sent = [decoder.poll(30.0 + tenth / 10) for tenth in range(60)]
+    assert sum(one != b"" for one in sent) == 1
 
 
 def test_notifications_of_qorvo():

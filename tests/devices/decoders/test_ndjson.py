@@ -49,7 +49,7 @@ def test_every_type():
         {"type": "pose", "node": "a", "x": 1, "y": 2, "yaw": 3},
         {"type": "uwb", "node": "a", "tx": {"seq": 4, "ts": 512}, "t": 1}
         | {"rx": [{"id": "b", "seq": 3, "ts": (1 << 40) - 5}], "odom": {"ts": 9, "v": 1, "w": 2}},
-        {"type": "erpm", "node": "a", "erpm": 4614},
+        {"type": "ticks", "node": "a", "left": 1, "right": 2, "t": 1},
         {"type": "clock", "node": "a", "ref": "b", "offset": 0.1, "skew": 1e-6},
     )
     assert (decoder.counts.frames, decoder.counts.bad_frames) == (9, 0)
@@ -90,6 +90,24 @@ def test_a_line_without_sense_is_refused(line):
     found, decoder = said(line)
     assert found == []
     assert (decoder.counts.bad_frames, decoder.counts.skipped_bytes) == (1, len(line) + 1)
+
+
+def test_counts_of_wheels_and_revolutions():
+    ticks = {"type": "ticks", "node": "a", "left": 1000, "right": 1000, "t": 1}
+    later = ticks | {"left": 1050, "right": 1150, "t": 1.5}
+    backwards = ticks | {"t": 0.5}
+    given = {"ticks_per_metre": "100", "track": "0.5"}
+    found, decoder = said(ticks, later, backwards, backwards, **given)
+    assert found == [OdometrySample(1, 1_500_000_000, "", "a", 2.0, 4.0)]
+    assert (decoder.counts.frames, decoder.counts.bad_frames) == (4, 0)
+    found, _ = said(ticks, later, ticks_per_metre="100")
+    assert found[0].v == 2.0
+    assert isnan(found[0].omega)
+    assert said(ticks, later)[0] == []
+    assert said(ticks, later | {"left": 1e15}, **given)[1].counts.bad_frames == 1
+    erpm = {"type": "erpm", "node": "a", "erpm": 2307, "t": 1}
+    found, _ = said(erpm, erpm | {"erpm": 1e9}, erpm_offset="-2307")
+    assert [one.v for one in found] == [1.0]
 
 
 def test_clocks_of_nodes():

@@ -73,6 +73,12 @@ def test_a_torn_frame_hides_no_other():
     assert (decoder.counts.skipped_bytes, decoder.tail_bytes) == (14, 0)
 
 
+def test_an_end_mark_that_arrives_twice_or_never():
+    decoder, found = fed(RANGE + b"\xdd" + WHEELS + RANGE[:-1] + WHEELS)
+    assert len(found) == 3
+    assert (decoder.counts.skipped_bytes, decoder.tail_bytes) == (1 + len(RANGE) - 1, 0)
+
+
 def test_milliseconds_wrap():
     _, found = fed(range_frame(2**32 - 1, 0, 1, 1.0) + range_frame(4, 0, 1, 1.0))
     assert found[1].device_ns - found[0].device_ns == 5_000_000

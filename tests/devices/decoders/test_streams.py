@@ -29,7 +29,7 @@ def test_a_sound_stream_is_understood_whole(proto):
 
 
 @every_protocol
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=20, deadline=None, derandomize=True)
 @given(data=st.data())
 def test_the_same_samples_however_it_is_cut(proto, data):
     stream = device_stream(proto)
@@ -52,7 +52,7 @@ def test_byte_by_byte(proto):
 
 
 @every_protocol
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=20, deadline=None, derandomize=True)
 @given(data=st.data())
 def test_frames_between_garbage_are_all_found(proto, data):
     stream = device_stream(proto)

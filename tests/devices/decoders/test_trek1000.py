@@ -57,6 +57,17 @@ def test_ranges_do_not_wait_for_uncorrected_ones_that_never_come():
     assert [len(decoder.feed(line)) for line in lines] == [0, 2, 1, 1]
 
 
+def test_uncorrected_ranges_that_are_switched_on_again():
+    def exchange(n, *, both):
+        lines = [corrected(n, 100 * n, 1000, mask="01")]
+        return [*lines, corrected(n, 0, 1200, mask="01", kind="mr")] if both else lines
+
+    lines = [line for n in range(6) for line in exchange(n, both=n not in {1, 2})]
+    found, _ = fed(*lines, latency="0")
+    # Of exchange 3 the uncorrected range was not expected any more.
+    assert [one.raw_distance for one in found] == [1.2, 1.0, 1.0, 1.0, 1.2, 1.2]
+
+
 def test_a_range_is_one_period_older_than_its_line():
     lines = [corrected(n & 0xFF, 100 * n + n % 2, n, mask="01") for n in range(253, 259)]
     found, _ = fed(*lines)
@@ -70,6 +81,12 @@ def test_a_range_is_one_period_older_than_its_line():
     assert alone[0].device_ns // 10**6 == 100 * 253 + 1 - 100
     given, _ = fed(lines[0], latency="0.28")
     assert given[0].device_ns // 10**6 == 100 * 253 + 1 - 280
+
+
+def test_milliseconds_wrap_after_seven_weeks():
+    found, _ = fed(*(corrected(n, (2**32 - 100 + 100 * n) % 2**32, n) for n in range(3)))
+    times = [one.device_ns // 10**6 for one in found[::4]]
+    assert times == [2**32 - 200, 2**32 - 100, 2**32]
 
 
 def test_variants_of_clones():

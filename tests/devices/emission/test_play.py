@@ -132,6 +132,9 @@ def test_datagrams_hold_whole_frames(recording):
             thread, _ = background(lambda: play(emission, sink, 20.0))
             received = [receiver.recv(1 << 16) for _ in emission]
             thread.join(10.0)
+            receiver.settimeout(0.1)
+            with pytest.raises(TimeoutError):
+                receiver.recv(1)
     assert received == [data for _, data in emission]
     assert all(data.endswith(b"\n") for data in received)
 
@@ -200,6 +203,14 @@ def test_a_controller_answers_with_its_latest_speed(recording):
     v = recording.odometry["R3"].v
     assert first[0].v == pytest.approx(v[0], abs=0.001)
     assert min(abs(second[0].v - v[5:])) < 0.001
+
+
+def test_a_controller_that_nobody_polls_ends_with_its_log(recording):
+    class Silent(FileSink):
+        two_way = True
+
+    emission = emission_of(recording, "vesc", "R3")
+    assert play(emission, Silent(BytesIO()), 10.0) == (0, 0)
 
 
 def _serve(emission, port, rate):

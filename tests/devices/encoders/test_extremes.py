@@ -36,7 +36,7 @@ def sample_of(kind, ns, nodes, values):
 
 
 @pytest.mark.parametrize("proto", PROTOCOLS)
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=30, deadline=None, derandomize=True)
 @given(data=st.data())
 def test_sent_or_counted(proto, data):
     nodes, kinds = NODES.get(proto, DECIMAL), KINDS.get(proto, (RangeSample,))
