@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import signal
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from math import isfinite
@@ -30,6 +31,7 @@ from clt.devices.messages import LOG_TYPE
 from clt.devices.raw_log import SOURCES_KEY, START_KEY, OldEvent, read_raw_log
 from clt.devices.recorder import Recorder, RecorderOptions
 from clt.devices.source_spec import (
+    PASSING_SCHEMES,
     SourceSpec,
     check_sources,
     override,
@@ -116,6 +118,21 @@ def given_sources(command: RecordCommand, inputs: Inputs) -> list[SourceSpec]:
     return specs + [parse_source(text) for text in command.source_words]
 
 
+def captured_files(specs: Sequence[SourceSpec]) -> tuple[Path, ...]:
+    """The files of captured bytes among sources, pipes left out."""
+    paths = (Path(spec.url.target) for spec in specs if spec.url.scheme in PASSING_SCHEMES)
+    return tuple(path for path in paths if path.is_file())
+
+
+def stream_digests(paths: Sequence[Path]) -> dict[str, str]:
+    """SHA-256 of files of any size, by name."""
+    found = {}
+    for path in paths:
+        with path.open("rb") as file:
+            found[str(path)] = hashlib.file_digest(file, "sha256").hexdigest()
+    return found
+
+
 def known_team(inputs: Inputs) -> Team | None:
     """The robots of the team file, if there is one."""
     document = inputs["team"]
@@ -161,8 +178,10 @@ def opened_parts(
 def record_sources(command: RecordCommand, console: Console) -> int:
     """Record until it is ended; returns the exit code."""
     command.check()
-    inputs = Inputs.of(sources=command.sources, team=command.team)
-    specs = given_sources(command, inputs)
+    documents = Inputs.of(sources=command.sources, team=command.team)
+    specs = given_sources(command, documents)
+    files = captured_files(specs)
+    inputs = Inputs(files, documents.documents)
     if len(specs) == 0:
         raise UsageError(
             "no source given; e.g. --source uwb=serial:/dev/ttyACM0,proto=rcl, or --sources FILE"
@@ -196,7 +215,8 @@ def record_sources(command: RecordCommand, console: Console) -> int:
         start = clock.now_ns()
         first = start if command.epoch_s is None else round(command.epoch_s * NS_PER_SECOND)
         run = run_record(
-            inputs.digests({}), **{SOURCES_KEY: store_sources(specs), START_KEY: str(first)}
+            inputs.digests(stream_digests(files)),
+            **{SOURCES_KEY: store_sources(specs), START_KEY: str(first)},
         )
         with closing(recorder), opened_parts(command, {"clt.run": run}) as parts:
             stop_with(lambda number: stop(recorder, number))
@@ -221,7 +241,8 @@ def record_again(command: RecordCommand, log: Path, console: Console) -> int:
     check_target(command, inputs)
     first = raw.start_ns if command.epoch_s is None else round(command.epoch_s * NS_PER_SECOND)
     run = run_record(
-        inputs.digests({}), **{SOURCES_KEY: store_sources(specs), START_KEY: str(first)}
+        inputs.digests(stream_digests([log])),
+        **{SOURCES_KEY: store_sources(specs), START_KEY: str(first)},
     )
     begin: int | None = None
     last = 0

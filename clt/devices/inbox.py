@@ -12,6 +12,8 @@ from clt.devices.sources.source import Chunk, Connection
 INBOX_BYTES = 64 << 20
 WAITING_BYTES = 4 << 20
 """What can wait does so from here on: nothing is lost by it, and memory is saved."""
+TAKEN_BYTES = 1 << 16
+"""Taken at a time: between them the writer looks around."""
 ITEM_BYTES = 200
 """What an item costs beside its bytes."""
 
@@ -35,6 +37,11 @@ class Dropped(NamedTuple):
 Content = Chunk | Opened | Ended | Dropped | Diagnostic
 
 
+def item_bytes(content: Content) -> int:
+    """What an item takes of the room."""
+    return ITEM_BYTES + (len(content.data) if isinstance(content, Chunk) else 0)
+
+
 class Inbox:
     """A queue of (source, content)."""
 
@@ -51,7 +58,7 @@ class Inbox:
 
     def put(self, source: str, content: Content, *, wait_s: float = 0.0) -> bool:
         """Append; of a chunk only if there is room, perhaps after a while. Whether it was."""
-        size = ITEM_BYTES + (len(content.data) if isinstance(content, Chunk) else 0)
+        size = item_bytes(content)
         most = self._most if wait_s == 0.0 else min(self._most, WAITING_BYTES)
         with self._changed:
             if isinstance(content, Chunk):
@@ -64,17 +71,19 @@ class Inbox:
             return True
 
     def take(self, wait_s: float) -> list[tuple[str, Content]]:
-        """Everything that waits; waits for something at most so long."""
+        """What waits, the oldest TAKEN_BYTES of it; waits for something at most so long."""
         with self._changed:
             if len(self._items) == 0 and wait_s > 0.0:
                 self._changed.wait(wait_s)
-            items = list(self._items)
-            self._items.clear()
+            items, size = [], 0
+            while len(self._items) > 0 and size < TAKEN_BYTES:
+                item = self._items.popleft()
+                items.append(item)
+                size += item_bytes(item[1])
             return items
 
     def done(self, content: Content) -> None:
         """An item that was taken is dealt with: its room is free again."""
-        size = ITEM_BYTES + (len(content.data) if isinstance(content, Chunk) else 0)
         with self._changed:
-            self._bytes -= size
+            self._bytes -= item_bytes(content)
             self._changed.notify_all()

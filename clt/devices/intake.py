@@ -150,12 +150,11 @@ class Intake:
         ended: bool = False,
     ) -> None:
         """Decode and write the samples; `ended`: those that a lost connection leaves."""
-        if ended:
-            samples = stream.decoder.finish()
-            self._count(source.tally, stream)
-            stream.joining = JOINING_BYTES
-        else:
-            samples = self._decoded(source.tally, stream, chunk.data)
+        try:
+            samples = self._samples(source, stream, b"" if ended else chunk.data)
+        except Exception as error:  # noqa: BLE001 - a decoder of a third party may raise anything
+            self._replace_decoder(source, stream, error)
+            return
         if self._most is not None:
             samples = samples[: max(self._most - self.messages, 0)]
         if len(samples) == 0:
@@ -165,6 +164,23 @@ class Intake:
             self._write_map(source, clock, segment, log_time)
         self.messages += stream.writer.write(samples, stamps, log_time)
         source.tally.restarts = sum(one.stamping.restarts for one in source.streams.values())
+
+    def _samples(self, source: SourceState, stream: StreamState, data: bytes) -> Sequence[Sample]:
+        """The samples of bytes; of none those that the end of the connection leaves."""
+        if data != b"":
+            return self._decoded(source.tally, stream, data)
+        samples = stream.decoder.finish()
+        self._count(source.tally, stream)
+        stream.joining = JOINING_BYTES
+        return samples
+
+    def _replace_decoder(self, source: SourceState, stream: StreamState, error: Exception) -> None:
+        """A decoder failed: its bytes are kept raw, and a new one goes on."""
+        spec, tally = source.spec, source.tally
+        tally.bad_frames += 1
+        tally.decoder_error = " ".join(f"{type(error).__name__}: {error}".split())
+        stream.decoder = find_decoder(spec.proto, spec.name).make(spec.options, spec.name)
+        stream.counted, stream.joining = (0, 0, 0), JOINING_BYTES
 
     def _decoded(self, tally: Tally, stream: StreamState, data: bytes) -> Sequence[Sample]:
         """The samples of more bytes; until the first frame they are fed one by one.

@@ -174,11 +174,12 @@ class Recorder:
         for name, reader in self._readers.items():
             if name not in self._pulled:
                 reader.join(JOIN_S)
-        for name, content in self._inbox.take(0.0):
-            if isinstance(content, Chunk) and (self._hurry.is_set() or full):
-                intake.sources[name].tally.lost += content.data != b"" and not full
-                continue
-            self._handle(name, content, intake, parts)
+        while len(items := self._inbox.take(0.0)) > 0:
+            for name, content in items:
+                if isinstance(content, Chunk) and (self._hurry.is_set() or full):
+                    intake.sources[name].tally.lost += content.data != b"" and not full
+                else:
+                    self._handle(name, content, intake, parts)
 
     def _handle(self, name: str, content: Content, intake: Intake, parts: LogParts) -> None:
         """One item of the inbox."""

@@ -88,7 +88,7 @@ class SourceReader:
                 self._read(self.connection)
             except EOFError:
                 break
-            except DisconnectedError as error:
+            except Exception as error:  # noqa: BLE001 - a source of a third party may raise anything
                 self._let_go()
                 if not self._again(error):
                     break
@@ -124,12 +124,14 @@ class SourceReader:
             if self.stopping.is_set():
                 return
 
-    def _again(self, error: DisconnectedError) -> bool:
+    def _again(self, error: Exception) -> bool:
         """Connect again, sooner first and later less often; False when asked to stop."""
         name, lost = self.spec.name, self._clock.now_ns()
         self._inbox.put(name, Chunk(lost, b""))
-        severity: Severity = "warning" if error.in_order else "partial"
-        self._say(Diagnostic("source_lost", name, severity, {"why": str(error)}))
+        known = isinstance(error, DisconnectedError)
+        severity: Severity = "warning" if known and error.in_order else "partial"
+        why = str(error) if known else f"{type(error).__name__}: {error}"
+        self._say(Diagnostic("source_lost", name, severity, {"why": why}))
         if not self._reconnect:
             return False
         wait = FIRST_RETRY_S
@@ -140,7 +142,7 @@ class SourceReader:
                 break
             try:
                 self.connection = self.kind.open(self.spec.url, self._opening)
-            except (DisconnectedError, CltError):
+            except Exception:  # noqa: BLE001, S112 - as above: it is tried again
                 continue
             gap = (self._clock.now_ns() - lost) / NS_PER_SECOND
             self._inbox.put(name, Opened(self.connection))

@@ -36,6 +36,9 @@ def summary_diagnostics(tallies: Mapping[str, Tally]) -> Iterator[Diagnostic]:
         if tally.unknown_turns > 0:
             values = {"count": tally.unknown_turns}
             yield Diagnostic("unknown_turns", name, "warning", values)
+        if tally.decoder_error != "":
+            failure = {"error": tally.decoder_error, "proto": tally.proto}
+            yield Diagnostic("decoder_failed", name, "partial", failure)
         if tally.frames == 0 and tally.bytes > 0:
             found = {"bytes": tally.bytes, "proto": tally.proto}
             yield Diagnostic("nothing_decoded", name, "partial", found)

@@ -39,6 +39,8 @@ class Tally:
     """Samples of ids that the map lacks."""
     named: dict[str, str] = field(default_factory=dict)
     """From ids to names that no map gave."""
+    decoder_error: str = ""
+    """What its decoder raised last, which no decoder should."""
     unknown_turns: int = 0
     """Odometry samples whose turn rate nobody knows."""
     last_value: tuple[str, str, float] | None = None

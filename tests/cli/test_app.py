@@ -156,7 +156,12 @@ def test_the_names_of_filters_are_those_that_there_are():
     [("CLT_FOO", ""), ("CLT_SEDE", ", did you mean `CLT_SEED`?")],
 )
 def test_every_command_refuses_unknown_variables_alike(clt, tmp_path, name, variable, hint):
-    words = {"demo": ["new"], "import": ["thu", "in", "-o", "out"]}.get(name, ["in", "-o", "out"])
+    words = {
+        "demo": ["new"],
+        "import": ["thu", "in", "-o", "out"],
+        "record": ["-o", "out"],
+        "emit": ["in", "--proto", "rcl", "-o", "out"],
+    }.get(name, ["in", "-o", "out"])
     done = clt(name, *words, **{variable: "1"})
     told = f"clt: error: environment variable {variable}: unknown key{hint}\n"
     assert (done.exit_code, done.stdout, done.stderr) == (2, "", told)

@@ -127,6 +127,7 @@ def test_every_kind_renders_to_one_line(kind):
 STRINGS = {
     "anchors", "ego", "error", "filter", "frames", "pair", "pairs", "reference", "robots", "static",
     "status", "stream", "text", "what", "why",
+    "proto",
 }  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from mcap.reader import make_reader
 
 from clt.cli.messages.render import diagnostic_text
 from clt.devices import recorder as module
+from clt.devices.decoders.lines import LineDecoder
 from clt.devices.host_clock import HostClock, SystemTime
 from clt.devices.inbox import Inbox, Opened
 from clt.devices.intake import Intake
@@ -17,6 +18,7 @@ from clt.devices.recorder import Recorder, RecorderOptions
 from clt.devices.source_spec import parse_source
 from clt.devices.sources.source import Chunk, DisconnectedError, SourceKind
 from clt.devices.sources.table import SOURCES
+from clt.devices.summary import summary_diagnostics
 from clt.devices.team import GrowingTeam
 from tests.devices.clocks import FakeTime
 from tests.devices.streams import range_line
@@ -322,3 +324,29 @@ def test_an_item_of_the_inbox_that_is_no_chunk_always_finds_room():
     inbox = Inbox(10)
     assert not inbox.put("x", Chunk(0, bytes(100)))
     assert inbox.put("x", Opened(Script()))
+
+
+def test_a_decoder_that_raises_costs_no_bytes(record, monkeypatch):
+    script = Script(*[range_line(0.1 * k, k) for k in range(5)])
+    feed = LineDecoder.feed
+
+    def fail(self, data):
+        if b'"seq": 2' in self._kept + data:
+            raise ValueError("not\nfit")
+        return feed(self, data)
+
+    monkeypatch.setattr(LineDecoder, "feed", fail)
+    _, tallies, found = record(script)
+    tally = tallies["x0"]
+    assert len(raw(found)) == 5
+    assert tally.decoder_error == "ValueError: not fit"
+    assert (tally.frames, tally.bad_frames) == (4, 1)
+    kinds_found = [one.kind for one in summary_diagnostics(tallies)]
+    assert kinds_found == ["decoder_failed", "source_damaged"]
+
+
+def test_a_source_that_raises_ends_or_begins_again(record):
+    script = Script(range_line(0, 0), ZeroDivisionError("oh"), range_line(1, 1))
+    events, tallies, _ = record(script)
+    assert events[0].values["why"] == "ZeroDivisionError: oh"
+    assert tallies["x0"].frames == 2

