@@ -132,7 +132,7 @@ def test_a_minimum_is_where_the_gradient_vanishes_and_what_is_held_stays():
 def test_a_reflection_of_a_hanging_node_is_the_first_start():
     """Node 4 hangs on nodes 2 and 3: its image at their line changes no distance."""
     points = np.array([[0.0, 0.0], [6.0, 0.0], [5.0, 6.0], [1.0, 5.0], [3.0, 9.0]])
-    starts = reflected_layouts(graph(points, ((0, 4), (1, 4))), points)
+    starts = reflected_layouts(graph(points, ((0, 4), (1, 4))), points, np.ones(5, np.bool_))
     assert 0 < len(starts) <= MAX_REFITTED_REFLECTIONS
     image = reflect_at_line(points[4], points[2], points[3])
     np.testing.assert_allclose(starts[0, :4], points[:4], atol=1e-9)
@@ -144,7 +144,7 @@ def test_known_nodes_are_not_reflected():
     points = np.array([[0.0, 0.0], [6.0, 0.0], [5.0, 6.0], [1.0, 5.0]])
     nodes = graph(points, ((0, 3),), anchored=True)
     nodes.free[:3] = False
-    starts = reflected_layouts(nodes, points)
+    starts = reflected_layouts(nodes, points, np.ones(4, np.bool_))
     assert len(starts) > 0
     for start in starts:
         np.testing.assert_array_equal(start[:3], points[:3])

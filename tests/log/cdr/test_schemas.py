@@ -21,13 +21,21 @@ def test_all_needed_types_are_shipped():
     assert needed < set(NAMES)
 
 
+def byte_as_number(types):
+    """Constants of type byte and uint8 are one: rosbags has them as the latter."""
+    return {
+        name: ([(key, kind.replace("byte", "uint8"), value) for key, kind, value in consts], fields)
+        for name, (consts, fields) in types.items()
+    }
+
+
 @pytest.mark.parametrize("name", [name for name in NAMES if not name.startswith("clt_msgs/")])
 @pytest.mark.parametrize("store", [Stores.ROS2_JAZZY, Stores.ROS2_KILTED])
 def test_standard_types_are_those_of_ros2(name, store):
     known = get_typestore(store).fielddefs
     ours = get_types_from_msg(schemas.ros2msg(name), name)
     assert name in ours
-    assert ours == {key: known[key] for key in ours}
+    assert byte_as_number(ours) == byte_as_number({key: known[key] for key in ours})
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -54,6 +62,10 @@ def test_every_own_field_is_commented(file):
 @pytest.mark.parametrize("file", OWN, ids=lambda file: file.stem)
 def test_own_types_have_the_fixed_size_they_state(file):
     stated = re.search(r"(\d+) bytes after the CDR encapsulation header", file.read_text())
+    if stated is None:
+        assert re.search(r"^string |\[\] ", file.read_text(), re.MULTILINE)
+        assert file.read_text().splitlines()[1] == "# Of no fixed size."
+        return
     assert len(payload_layout(f"clt_msgs/msg/{file.stem}").template) == int(stated.group(1)) + 4
 
 
