@@ -129,7 +129,8 @@ class SourceReader:
         name, lost = self.spec.name, self._clock.now_ns()
         self._inbox.put(name, Chunk(lost, b""))
         known = isinstance(error, DisconnectedError)
-        severity: Severity = "warning" if known and error.in_order else "partial"
+        in_order = isinstance(error, DisconnectedError) and error.in_order
+        severity: Severity = "warning" if in_order else "partial"
         why = str(error) if known else f"{type(error).__name__}: {error}"
         self._say(Diagnostic("source_lost", name, severity, {"why": why}))
         if not self._reconnect:
