@@ -128,10 +128,10 @@ class SourceReader:
         """Connect again, sooner first and later less often; False when asked to stop."""
         name, lost = self.spec.name, self._clock.now_ns()
         self._inbox.put(name, Chunk(lost, b""))
-        severity: Severity = "partial"
-        why = f"{type(error).__name__}: {error}"
-        if isinstance(error, DisconnectedError):
-            severity, why = "warning" if error.in_order else "partial", str(error)
+        known = isinstance(error, DisconnectedError)
+        in_order = isinstance(error, DisconnectedError) and error.in_order
+        severity: Severity = "warning" if in_order else "partial"
+        why = str(error) if known else f"{type(error).__name__}: {error}"
         self._say(Diagnostic("source_lost", name, severity, {"why": why}))
         if not self._reconnect:
             return False
