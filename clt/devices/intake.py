@@ -31,6 +31,9 @@ from clt.devices.team import GrowingTeam
 JOINING_BYTES = 4096
 """Bytes before the first frame of a connection that are not held against it."""
 
+INT64_END = 1 << 63
+"""Device times beyond make no sense; no message holds them."""
+
 
 class MessageSink(Protocol):
     """A log that messages are appended to."""
@@ -204,6 +207,10 @@ class Intake:
     def _write_map(
         self, source: SourceState, clock: str, segment: MapSegment, log_time: int
     ) -> None:
+        if not (
+            -INT64_END <= segment.device < INT64_END and -INT64_END <= segment.host < INT64_END
+        ):
+            return
         channel = self._sink.channel(f"/clt/clock/{source.spec.name}", CLOCK_MAP_TYPE)
         values = (segment.device, segment.host, segment.rate, segment.restart)
         payload = clock_map_template(clock).pack(log_time // NS, log_time % NS, *values)

@@ -35,6 +35,8 @@ UNDECODED_AFTER_S = 3.0
 """Bytes of which nothing decodes are reported after so long."""
 SHARED_BLOCK_BYTES = 1024
 """Read at a time of several files, so that they advance together."""
+STEERING_LEAD_NS = 10 * NS_PER_SECOND
+"""So far ahead of the others a file of steering angles is read, as they need its angles."""
 JOIN_S = 5.0
 
 
@@ -223,8 +225,12 @@ class Recorder:
     def _pull(self, intake: Intake) -> None:
         """The next bytes of the file that is furthest behind."""
         waiting = [name for name in self._pulled if name in self._left]
-        tallies = intake.sources
-        name = min(waiting, key=lambda one: tallies[one].tally.last_stamp_ns or 0)
+        tallies, steering = intake.tallies, {spec.join.steer for spec in self.specs}
+
+        def reached(name: str) -> int:
+            return (tallies[name].reached_ns or 0) - STEERING_LEAD_NS * (name in steering)
+
+        name = min(waiting, key=reached)
         try:
             for chunk in self._open[name].read(0.0):
                 intake.take(name, chunk)

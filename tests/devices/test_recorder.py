@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import struct
+from math import tan
 
 import pytest
 from mcap.reader import make_reader
@@ -18,6 +20,7 @@ from clt.devices.source_spec import parse_source
 from clt.devices.sources.source import Chunk, DisconnectedError, SourceKind
 from clt.devices.sources.table import SOURCES
 from clt.devices.team import GrowingTeam
+from clt.log.recording.load import load
 from tests.devices.clocks import FakeTime
 from tests.devices.streams import range_line
 
@@ -322,3 +325,48 @@ def test_an_item_of_the_inbox_that_is_no_chunk_always_finds_room():
     inbox = Inbox(10)
     assert not inbox.put("x", Chunk(0, bytes(100)))
     assert inbox.put("x", Opened(Script()))
+
+
+def test_angles_of_a_file_advance_with_the_speeds_of_another(tmp_path):
+    """Steering is no message, but it is read no further ahead than its own times say."""
+    lines = {
+        "turn": [
+            {"type": "steer", "node": "car", "angle": 0.001 * k, "t": 0.1 * k} for k in range(600)
+        ],
+        "odo": [{"type": "odom", "node": "car", "v": 1.0, "t": 0.1 * k} for k in range(600)],
+    }
+    for name, said in lines.items():
+        (tmp_path / name).write_text("".join(json.dumps(one) + "\n" for one in said))
+    specs = [
+        parse_source(f"turn=file:{tmp_path}/turn,proto=ndjson"),
+        parse_source(f"odo=file:{tmp_path}/odo,proto=ndjson,steer=turn,wheelbase=1"),
+    ]
+    recorder = Recorder(
+        specs,
+        RecorderOptions(),
+        HostClock(SystemTime()),
+        words=diagnostic_text,
+        on_event=lambda _: None,
+        on_status=lambda _: None,
+    )
+    recorder.open()
+    parts = LogParts(tmp_path / "o.mcap", {"clt.run": {}})
+    intake = Intake(parts, specs, GrowingTeam(), 0)
+    recorder.run(intake, parts)
+    assert intake.tallies["odo"].unknown_turns == 0
+    turn_rates = load(tmp_path / "o.mcap").recording.odometry["car"].omega
+    assert turn_rates == pytest.approx([tan(0.001 * k) for k in range(600)], abs=1e-9)
+
+
+@pytest.mark.parametrize("rate", [0, 1])
+def test_times_beyond_all_sense_do_no_harm(tmp_path, rate):
+    """A clock map has 64 bits; what does not fit is not written, the sample is refused or kept."""
+    line = b"(9999999999.000000) can0 00000901#0000240C007B00B9\n"
+    (tmp_path / "can.log").write_bytes(5 * line)
+    spec = parse_source(f"can=candump:{tmp_path}/can.log?rate={rate},proto=vesc-can")
+    parts = LogParts(tmp_path / "o.mcap", {"clt.run": {}})
+    intake = Intake(parts, [spec], GrowingTeam(), 0)
+    intake.take("can", Chunk(1, 5 * line))
+    intake.finish(2)
+    parts.finish()
+    assert intake.tallies["can"].frames == 5
