@@ -15,6 +15,7 @@ from typing import Any
 
 from clt.cli.console import EXIT_FAILED, Console
 from clt.cli.inputs import Inputs
+from clt.cli.lasting_stderr import lasting_stderr
 from clt.cli.messages.render import diagnostic_text
 from clt.cli.provenance import run_record
 from clt.cli.recording_display import open_display
@@ -172,7 +173,7 @@ def record_sources(command: RecordCommand, console: Console) -> int:
     min_free = size_in_bytes("--min-free", command.min_free)
     check_target(command, inputs)
     clock = HostClock(SystemTime())
-    with open_display(console) as display:
+    with lasting_stderr(), open_display(console) as display:
 
         def on_event(found: Diagnostic) -> None:
             display.clear()
@@ -202,7 +203,8 @@ def record_sources(command: RecordCommand, console: Console) -> int:
             stop_with(lambda number: stop(recorder, number))
             intake = Intake(parts, specs, GrowingTeam(team), first, command.count)
             recorder.run(intake, parts)
-    return sum_up(command, console, intake, parts, (clock.now_ns() - start) / NS_PER_SECOND)
+    with lasting_stderr():
+        return sum_up(command, console, intake, parts, (clock.now_ns() - start) / NS_PER_SECOND)
 
 
 def stop(recorder: Recorder, number: int) -> None:

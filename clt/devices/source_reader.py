@@ -83,17 +83,24 @@ class SourceReader:
             self._thread.join(timeout_s)
 
     def _run(self) -> None:
-        while not self.stopping.is_set() and self.connection is not None:
-            try:
-                self._read(self.connection)
-            except EOFError:
-                break
-            except DisconnectedError as error:
-                self._let_go()
-                if not self._again(error):
+        try:
+            while not self.stopping.is_set() and self.connection is not None:
+                try:
+                    self._read(self.connection)
+                except EOFError:
                     break
-        self._let_go()
-        self._inbox.put(self.spec.name, Ended())
+                except DisconnectedError as error:
+                    lost = error
+                except Exception as error:  # noqa: BLE001 a thread that dies would never end
+                    lost = DisconnectedError(str(error) or type(error).__name__)
+                else:
+                    break
+                self._let_go()
+                if not self._again(lost):
+                    break
+            self._let_go()
+        finally:
+            self._inbox.put(self.spec.name, Ended())
 
     def _read(self, connection: Connection) -> None:
         """Read until asked to stop. Raises EOFError and DisconnectedError."""
@@ -140,7 +147,7 @@ class SourceReader:
                 break
             try:
                 self.connection = self.kind.open(self.spec.url, self._opening)
-            except (DisconnectedError, CltError):
+            except Exception:  # noqa: BLE001, S112 whatever it is, it is tried again
                 continue
             gap = (self._clock.now_ns() - lost) / NS_PER_SECOND
             self._inbox.put(name, Opened(self.connection))

@@ -370,3 +370,37 @@ def test_times_beyond_all_sense_do_no_harm(tmp_path, rate):
     intake.finish(2)
     parts.finish()
     assert intake.tallies["can"].frames == 5
+
+
+def test_a_source_that_fails_in_an_unforeseen_way_is_lost_and_opened_again(record):
+    """No thread dies and leaves a recording that waits for ever."""
+    script = Script(range_line(0.0), OSError(5, "broken"), range_line(1.0), ValueError("torn"))
+    events, tallies, _ = record(script)
+    assert [one.kind for one in events].count("source_lost") == 2
+    assert tallies["x0"].frames == 2
+    assert "broken" in str(events[0].values["why"])
+
+
+def test_a_file_that_cannot_be_read_on_is_lost(tmp_path):
+    """A log is ended and says why there is no more."""
+    (tmp_path / "in").write_bytes(range_line(0.0))
+    spec = parse_source(f"x=file:{tmp_path}/in,proto=ndjson")
+    events = []
+    recorder = Recorder(
+        [spec],
+        RecorderOptions(),
+        HostClock(SystemTime()),
+        words=diagnostic_text,
+        on_event=events.append,
+        on_status=lambda _: None,
+    )
+    recorder.open()
+    steps = Script(range_line(0.0), OSError(5, "Input/output error"))
+    steps.clock = HostClock(SystemTime())
+    recorder._readers["x"].connection.close()
+    recorder._readers["x"].connection = steps
+    parts = LogParts(tmp_path / "o.mcap", {"clt.run": {}})
+    recorder.run(Intake(parts, [spec], GrowingTeam(), 0), parts)
+    assert kinds(events) == [("source_lost", "x")]
+    with (tmp_path / "o.mcap").open("rb") as file:
+        assert make_reader(file).get_summary() is not None

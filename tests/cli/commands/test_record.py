@@ -521,3 +521,25 @@ def test_a_real_capture_and_the_same_again(tmp_path):
             strict=True,
         )
         assert all(a[2].data == b[2].data and a[1].topic == b[1].topic for a, b in pairs)
+
+
+def test_nobody_reads_what_is_said_any_more(tmp_path):
+    """Standard error that is closed ends no recording: it goes on and is ended in order."""
+    port = free_port(socket.SOCK_DGRAM)
+    words = ["-o", "o.mcap", "--source", f"net=udp:127.0.0.1:{port},proto=ndjson", "--json"]
+    process = start(tmp_path, *words)
+    until((tmp_path / "o.mcap").exists, process)
+    process.stderr.close()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as device:
+        for begin in (100.0, 0.0):  # A device that begins again is reported.
+            for k in range(20):
+                device.sendto(range_line(begin + 0.01 * k, k), ("127.0.0.1", port))
+                time.sleep(0.01)
+    time.sleep(0.5)
+    process.send_signal(signal.SIGHUP)
+    out = process.stdout.read().decode()
+    assert process.wait() == 0
+    process.stdout.close()
+    assert figures(out)["net"]["frames"] == 40
+    said = [data for topic, *_, data in messages(tmp_path / "o.mcap") if topic == "/clt/log"]
+    assert b"began again" in b"".join(said)
