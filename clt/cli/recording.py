@@ -194,13 +194,13 @@ def record_sources(command: RecordCommand, console: Console) -> int:
             on_status=display.show,
         )
         recorder.open()
+        stop_with(lambda number: stop(recorder, number))
         start = clock.now_ns()
         first = start if command.epoch_s is None else round(command.epoch_s * NS_PER_SECOND)
         run = run_record(
             inputs.digests({}), **{SOURCES_KEY: store_sources(specs), START_KEY: str(first)}
         )
         with closing(recorder), opened_parts(command, {"clt.run": run}) as parts:
-            stop_with(lambda number: stop(recorder, number))
             intake = Intake(parts, specs, GrowingTeam(team), first, command.count)
             recorder.run(intake, parts)
     with lasting_stderr():
@@ -239,7 +239,7 @@ def record_again(command: RecordCommand, log: Path, console: Console) -> int:
                 intake.take(event.source, event.chunk)
             if intake.full:
                 break
-        intake.finish(last)
+        intake.finish()
         parts.finish()
     console.report_faults(raw.faults)
     elapsed = (last - (last if begin is None else begin)) / NS_PER_SECOND

@@ -135,8 +135,11 @@ class Intake:
             tally.undecoded_bytes += len(chunk.data)
             self._write(source, stream, chunk, log_time, ended=True)
 
-    def finish(self, host_ns: int) -> None:
-        """The recording is over: last lines without an end, tails."""
+    def finish(self, host_ns: int = 0) -> None:
+        """The recording is over: last lines without an end, tails.
+
+        They arrived with the latest bytes: so they are the same when these are decoded again.
+        """
         log_time = self.log_time(host_ns)
         for source in self.sources.values():
             for stream in source.streams.values():

@@ -139,7 +139,7 @@ class Recorder:
             try:
                 self._loop(intake, parts)
                 self._drain(intake, parts)
-                intake.finish(self._clock.now_ns())
+                intake.finish()
                 parts.finish()
             except DiskFullError:
                 parts.close_full()

@@ -543,3 +543,20 @@ def test_nobody_reads_what_is_said_any_more(tmp_path):
     assert figures(out)["net"]["frames"] == 40
     said = [data for topic, *_, data in messages(tmp_path / "o.mcap") if topic == "/clt/log"]
     assert b"began again" in b"".join(said)
+
+
+@pytest.mark.parametrize("text", [b"x" * 100 + b"\n" + range_line(1.0)[:-1], range_line(1.0)[:-1]])
+def test_a_last_line_without_an_end_is_the_same_again(tmp_path, text):
+    """Its message keeps its log time: it arrived with the latest bytes, not at the end."""
+    pipe = start(tmp_path, "-o", "o.mcap", "--source", "a=-,proto=ndjson", stdin=subprocess.PIPE)
+    pipe.stdin.write(text)
+    pipe.stdin.flush()
+    until((tmp_path / "o.mcap").exists, pipe)
+    time.sleep(0.3)
+    pipe.stdin.close()
+    pipe.wait()
+    pipe.stdout.close()
+    pipe.stderr.close()
+    run(tmp_path, "--from", "o.mcap", "-o", "again.mcap")
+    assert messages(tmp_path / "again.mcap") == messages(tmp_path / "o.mcap")
+    assert "/R1/uwb/range" in [topic for topic, *_ in messages(tmp_path / "o.mcap")]
