@@ -156,12 +156,21 @@ class Intake:
         ended: bool = False,
     ) -> None:
         """Decode and write the samples; `ended`: those that a lost connection leaves."""
-        if ended:
-            samples = stream.decoder.finish()
-            self._count(source.tally, stream)
-            stream.joining = JOINING_BYTES
-        else:
-            samples = self._decoded(source.tally, stream, chunk.data)
+        try:
+            if ended:
+                samples = stream.decoder.finish()
+                self._count(source.tally, stream)
+                stream.joining = JOINING_BYTES
+            else:
+                samples = self._decoded(source.tally, stream, chunk.data)
+        except Exception:  # noqa: BLE001 the raw bytes are kept, whatever a decoder makes of them
+            source.tally.bad_frames += 1
+            source.tally.damaged_bytes += len(chunk.data)
+            source.tally.skipped_bytes += len(chunk.data)
+            spec = source.spec
+            stream.decoder = find_decoder(spec.proto, spec.name).make(spec.options, spec.name)
+            stream.counted = (0, 0, 0)
+            return
         if self._most is not None:
             samples = samples[: max(self._most - self.messages, 0)]
         if len(samples) == 0:

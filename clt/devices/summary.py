@@ -36,6 +36,8 @@ def summary_diagnostics(tallies: Mapping[str, Tally]) -> Iterator[Diagnostic]:
         if tally.unknown_turns > 0:
             values = {"count": tally.unknown_turns}
             yield Diagnostic("unknown_turns", name, "warning", values)
+        if tally.bytes == 0:
+            yield Diagnostic("no_bytes", name, "warning")
         if tally.frames == 0 and tally.bytes > 0:
             found = {"bytes": tally.bytes, "proto": tally.proto}
             yield Diagnostic("nothing_decoded", name, "partial", found)

@@ -11,6 +11,7 @@ from mcap.reader import make_reader
 
 from clt.cli.messages.render import diagnostic_text
 from clt.devices import recorder as module
+from clt.devices.decoders.lines import LineDecoder
 from clt.devices.host_clock import HostClock, SystemTime
 from clt.devices.inbox import Inbox, Opened
 from clt.devices.intake import Intake
@@ -404,3 +405,19 @@ def test_a_file_that_cannot_be_read_on_is_lost(tmp_path):
     assert kinds(events) == [("source_lost", "x")]
     with (tmp_path / "o.mcap").open("rb") as file:
         assert make_reader(file).get_summary() is not None
+
+
+def test_a_decoder_that_raises_costs_its_chunk_only(record, monkeypatch):
+    """A decoder of somebody else, perhaps: the raw bytes stay, and the next ones are decoded."""
+    take = LineDecoder.feed
+
+    def feed(decoder, data):
+        if b"bug" in data:
+            raise TypeError("unhashable")
+        return take(decoder, data)
+
+    monkeypatch.setattr(LineDecoder, "feed", feed)
+    script = Script(range_line(0.0), b"a bug\n", range_line(0.1))
+    _, tallies, found = record(script)
+    assert (tallies["x0"].frames, tallies["x0"].bad_frames) == (2, 1)
+    assert b"".join(raw(found)) == range_line(0.0) + b"a bug\n" + range_line(0.1)

@@ -560,3 +560,24 @@ def test_a_last_line_without_an_end_is_the_same_again(tmp_path, text):
     run(tmp_path, "--from", "o.mcap", "-o", "again.mcap")
     assert messages(tmp_path / "again.mcap") == messages(tmp_path / "o.mcap")
     assert "/R1/uwb/range" in [topic for topic, *_ in messages(tmp_path / "o.mcap")]
+
+
+def test_a_source_that_is_mute_is_named(tmp_path):
+    (tmp_path / "in.json").write_bytes(range_line(1.0))
+    (tmp_path / "empty").write_bytes(b"")
+    words = ["--source", "a=file:in.json,proto=ndjson", "--source", "b=file:empty,proto=ndjson"]
+    done = run(tmp_path, "-o", "o.mcap", "--json", *words)
+    assert json.loads(done.stdout)["warnings"] == ["source b: not one byte arrived"]
+
+
+def test_powers_on_a_line_of_their_own_make_no_frame(tmp_path):
+    """They do not stretch the time between frames."""
+    lines = [
+        f"AT+RANGE=tid:1,mask:01,seq:{k},range:(30,0,0,0,0,0,0,0),\nrssi:(-70,0,0,0,0,0,0,0)\n"
+        for k in range(5)
+    ]
+    (tmp_path / "in").write_text("".join(lines))
+    done = run(tmp_path, "-o", "o.mcap", "--json", "--source", "a=file:in,proto=makerfabs")
+    found = figures(done.stdout)["a"]
+    assert (found["frames"], found["skipped_bytes"]) == (5, 0)
+    assert found["last_stamp_ns"] - found["first_stamp_ns"] == 400_000_000
