@@ -5,6 +5,7 @@ Knows neither threads nor sources: recordings and logs that are decoded again co
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -28,6 +29,7 @@ from clt.devices.stamps import LiveStamps, PastStamps, Stamping
 from clt.devices.tally import Tally
 from clt.devices.team import GrowingTeam
 
+ONE_OBJECT = re.compile(rb"\{[^\n]*\}(?:\*[0-9A-Fa-f]{2})?[ \r]*")
 JOINING_BYTES = 4096
 """Bytes before the first frame of a connection that are not held against it."""
 
@@ -162,7 +164,8 @@ class Intake:
                 self._count(source.tally, stream)
                 stream.joining = JOINING_BYTES
             else:
-                samples = self._decoded(source.tally, stream, chunk.data)
+                data = whole_lines(source.spec, chunk.data)
+                samples = self._decoded(source.tally, stream, data)
         except Exception:  # noqa: BLE001 the raw bytes are kept, whatever a decoder makes of them
             source.tally.bad_frames += 1
             source.tally.damaged_bytes += len(chunk.data)
@@ -245,3 +248,10 @@ class Intake:
             past if spec.past else LiveStamps(),
             SampleWriter(self._sink, spec, source.tally, self._team, self._steering),
         )
+
+
+def whole_lines(spec: SourceSpec, data: bytes) -> bytes:
+    """Bytes for the decoder: a datagram that is one JSON object needs no end of line."""
+    if spec.url.scheme == "udp" and spec.proto == "ndjson" and ONE_OBJECT.fullmatch(data):
+        return data + b"\n"
+    return data

@@ -421,3 +421,17 @@ def test_a_decoder_that_raises_costs_its_chunk_only(record, monkeypatch):
     _, tallies, found = record(script)
     assert (tallies["x0"].frames, tallies["x0"].bad_frames) == (2, 1)
     assert b"".join(raw(found)) == range_line(0.0) + b"a bug\n" + range_line(0.1)
+
+
+def test_a_datagram_of_one_object_needs_no_end_of_line(tmp_path):
+    spec = parse_source("net=udp:127.0.0.1:9,proto=ndjson")
+    parts = LogParts(tmp_path / "o.mcap", {"clt.run": {}})
+    intake = Intake(parts, [spec], GrowingTeam(), 0)
+    line = range_line(0.0).rstrip()
+    pieces = [line, line + b"\n" + line + b"\n", line[:20], line[20:] + b"\n", line + b"\r", line]
+    for k, piece in enumerate(pieces):
+        intake.take("net", Chunk(k, piece))
+    intake.finish()
+    parts.finish()
+    tally = intake.tallies["net"]
+    assert (tally.frames, tally.bad_frames, tally.bytes) == (6, 0, sum(map(len, pieces)))

@@ -244,3 +244,17 @@ def test_another_side_that_takes_nothing_holds_nobody_up():
     assert b"".join(one.data for one in read_all(listener, 5)) == b"there"
     for one in (server, client, peer, listener, reader):
         one.close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the kernel of Linux counts")
+def test_datagrams_lost_after_the_last_one_received_are_counted():
+    """No later datagram brings the number of these."""
+    receiver = opened("udp:127.0.0.1:0?buffer=4096")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for _ in range(200):
+            sender.sendto(bytes(50), receiver._socket.getsockname())
+    kept = len(read_all(receiver, 3))
+    assert 0 < kept < 200
+    assert receiver.lost == 200 - kept
+    receiver.close()
+    assert receiver.lost == 200 - kept
