@@ -16,6 +16,7 @@ from typing import Any
 
 from clt.cli.console import EXIT_FAILED, Console
 from clt.cli.inputs import Inputs
+from clt.cli.lasting_stderr import lasting_stderr
 from clt.cli.messages.render import diagnostic_text
 from clt.cli.provenance import run_record
 from clt.cli.recording_display import open_display
@@ -191,7 +192,7 @@ def record_sources(command: RecordCommand, console: Console) -> int:
     min_free = size_in_bytes("--min-free", command.min_free)
     check_target(command, inputs)
     clock = HostClock(SystemTime())
-    with open_display(console) as display:
+    with lasting_stderr(), open_display(console) as display:
 
         def on_event(found: Diagnostic) -> None:
             display.clear()
@@ -212,6 +213,7 @@ def record_sources(command: RecordCommand, console: Console) -> int:
             on_status=display.show,
         )
         recorder.open()
+        stop_with(lambda number: stop(recorder, number))
         start = clock.now_ns()
         first = start if command.epoch_s is None else round(command.epoch_s * NS_PER_SECOND)
         run = run_record(
@@ -219,10 +221,10 @@ def record_sources(command: RecordCommand, console: Console) -> int:
             **{SOURCES_KEY: store_sources(specs), START_KEY: str(first)},
         )
         with closing(recorder), opened_parts(command, {"clt.run": run}) as parts:
-            stop_with(lambda number: stop(recorder, number))
             intake = Intake(parts, specs, GrowingTeam(team), first, command.count)
             recorder.run(intake, parts)
-    return sum_up(command, console, intake, parts, (clock.now_ns() - start) / NS_PER_SECOND)
+    with lasting_stderr():
+        return sum_up(command, console, intake, parts, (clock.now_ns() - start) / NS_PER_SECOND)
 
 
 def stop(recorder: Recorder, number: int) -> None:
@@ -258,7 +260,7 @@ def record_again(command: RecordCommand, log: Path, console: Console) -> int:
                 intake.take(event.source, event.chunk)
             if intake.full:
                 break
-        intake.finish(last)
+        intake.finish()
         parts.finish()
     console.report_faults(raw.faults)
     elapsed = (last - (last if begin is None else begin)) / NS_PER_SECOND

@@ -5,6 +5,7 @@ Knows neither threads nor sources: recordings and logs that are decoded again co
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -28,8 +29,12 @@ from clt.devices.stamps import LiveStamps, PastStamps, Stamping
 from clt.devices.tally import Tally
 from clt.devices.team import GrowingTeam
 
+ONE_OBJECT = re.compile(rb"\{[^\n]*\}(?:\*[0-9A-Fa-f]{2})?[ \r]*")
 JOINING_BYTES = 4096
 """Bytes before the first frame of a connection that are not held against it."""
+
+INT64_END = 1 << 63
+"""Device times beyond make no sense; no message holds them."""
 
 
 class MessageSink(Protocol):
@@ -132,8 +137,11 @@ class Intake:
             tally.undecoded_bytes += len(chunk.data)
             self._write(source, stream, chunk, log_time, ended=True)
 
-    def finish(self, host_ns: int) -> None:
-        """The recording is over: last lines without an end, tails."""
+    def finish(self, host_ns: int = 0) -> None:
+        """The recording is over: last lines without an end, tails.
+
+        They arrived with the latest bytes: so they are the same when these are decoded again.
+        """
         log_time = self.log_time(host_ns)
         for source in self.sources.values():
             for stream in source.streams.values():
@@ -151,9 +159,11 @@ class Intake:
     ) -> None:
         """Decode and write the samples; `ended`: those that a lost connection leaves."""
         try:
-            samples = self._samples(source, stream, b"" if ended else chunk.data)
+            samples = self._samples(
+                source, stream, b"" if ended else whole_lines(source.spec, chunk.data)
+            )
         except Exception as error:  # noqa: BLE001 - a decoder of a third party may raise anything
-            self._replace_decoder(source, stream, error)
+            self._replace_decoder(source, stream, error, len(chunk.data))
             return
         if self._most is not None:
             samples = samples[: max(self._most - self.messages, 0)]
@@ -174,10 +184,14 @@ class Intake:
         stream.joining = JOINING_BYTES
         return samples
 
-    def _replace_decoder(self, source: SourceState, stream: StreamState, error: Exception) -> None:
-        """A decoder failed: its bytes are kept raw, and a new one goes on."""
+    def _replace_decoder(
+        self, source: SourceState, stream: StreamState, error: Exception, size: int
+    ) -> None:
+        """A decoder failed at `size` bytes: they are kept raw, and a new one goes on."""
         spec, tally = source.spec, source.tally
         tally.bad_frames += 1
+        tally.damaged_bytes += size
+        tally.skipped_bytes += size
         tally.decoder_error = " ".join(f"{type(error).__name__}: {error}".split())
         stream.decoder = find_decoder(spec.proto, spec.name).make(spec.options, spec.name)
         stream.counted, stream.joining = (0, 0, 0), JOINING_BYTES
@@ -220,6 +234,10 @@ class Intake:
     def _write_map(
         self, source: SourceState, clock: str, segment: MapSegment, log_time: int
     ) -> None:
+        if not (
+            -INT64_END <= segment.device < INT64_END and -INT64_END <= segment.host < INT64_END
+        ):
+            return
         channel = self._sink.channel(f"/clt/clock/{source.spec.name}", CLOCK_MAP_TYPE)
         values = (segment.device, segment.host, segment.rate, segment.restart)
         payload = clock_map_template(clock).pack(log_time // NS, log_time % NS, *values)
@@ -242,3 +260,10 @@ class Intake:
             past if spec.past else LiveStamps(),
             SampleWriter(self._sink, spec, source.tally, self._team, self._steering),
         )
+
+
+def whole_lines(spec: SourceSpec, data: bytes) -> bytes:
+    """Bytes for the decoder: a datagram that is one JSON object needs no end of line."""
+    if spec.url.scheme == "udp" and spec.proto == "ndjson" and ONE_OBJECT.fullmatch(data):
+        return data + b"\n"
+    return data

@@ -12,7 +12,7 @@ from typing import Any
 
 from clt.core.errors import CltError
 from clt.devices.whole_file import WholeFile
-from clt.log.mcap.live_writer import DiskFullError, LiveWriter
+from clt.log.mcap.live_writer import FULL, DiskFullError, LiveWriter
 
 
 def part_path(path: Path, number: int) -> Path:
@@ -98,10 +98,20 @@ class LogParts:
 
     def _next(self, log_time: int) -> None:
         """Go on in a new part."""
-        file, writer = self._file, self._writer
-        self._file, self._writer = self._open()
-        for topic, schema in self._channels:
-            self._writer.channel(topic, schema)
+        file, writer, count = self._file, self._writer, len(self.paths)
+        try:
+            self._file, self._writer = self._open()
+            for topic, schema in self._channels:
+                self._writer.channel(topic, schema)
+        except (OSError, CltError):  # The part before is ended in order, and the recording with it.
+            if len(self.paths) > count:
+                self._drop_part()
+            self._file, self._writer = file, writer
+            try:
+                writer.finish()
+            finally:
+                self._close()
+            raise
         self._began_ns = log_time
         try:
             writer.finish()
@@ -127,9 +137,17 @@ class LogParts:
         except FileExistsError:
             raise CltError(f"{path}: exists; use --force to overwrite it") from None
         except OSError as error:
+            if error.errno in FULL:
+                raise DiskFullError(error.errno, error.strerror, str(path)) from None
             raise CltError(f"{path}: {error.strerror or error}") from None
+        try:
+            writer = LiveWriter(file, self._metadata, self._flush_s)
+        except OSError as error:  # Not even its beginning finds room.
+            file.close()
+            path.unlink(missing_ok=True)
+            raise DiskFullError(error.errno, error.strerror, str(path)) from None
         self.paths.append(path)
-        return file, LiveWriter(file, self._metadata, self._flush_s)
+        return file, writer
 
     def _close(self) -> None:
         if self._stream is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -35,6 +36,8 @@ UNDECODED_AFTER_S = 3.0
 """Bytes of which nothing decodes are reported after so long."""
 SHARED_BLOCK_BYTES = 1024
 """Read at a time of several files, so that they advance together."""
+STEERING_LEAD_NS = 10 * NS_PER_SECOND
+"""So far ahead of the others a file of steering angles is read."""
 JOIN_S = 5.0
 
 
@@ -136,7 +139,7 @@ class Recorder:
             try:
                 self._loop(intake, parts)
                 self._drain(intake, parts)
-                intake.finish(self._clock.now_ns())
+                intake.finish()
                 parts.finish()
             except DiskFullError:
                 parts.close_full()
@@ -152,7 +155,7 @@ class Recorder:
             for name, content in self._inbox.take(0.0 if pulling else WAIT_S):
                 self._handle(name, content, intake, parts)
             if pulling:
-                self._pull(intake)
+                self._pull(intake, parts)
             self._poll(intake)
             now = self._clock.now_ns()
             if now - self._checked >= CHECK_S * NS_PER_SECOND:
@@ -221,20 +224,29 @@ class Recorder:
         if tally.restarts > restarts:
             self._event(intake, parts, Diagnostic("device_restarted", name, "warning"))
 
-    def _pull(self, intake: Intake) -> None:
+    def _pull(self, intake: Intake, parts: LogParts) -> None:
         """The next bytes of the file that is furthest behind."""
         waiting = [name for name in self._pulled if name in self._left]
-        tallies = intake.sources
-        name = min(waiting, key=lambda one: tallies[one].tally.last_stamp_ns or 0)
+        tallies, steering = intake.tallies, {spec.join.steer for spec in self.specs}
+
+        def reached(name: str) -> int:
+            return (tallies[name].reached_ns or 0) - STEERING_LEAD_NS * (name in steering)
+
+        name = min(waiting, key=reached)
         try:
-            for chunk in self._open[name].read(0.0):
-                intake.take(name, chunk)
-                if intake.full:
-                    return
+            chunks = self._open[name].read(0.0)
         except EOFError:
             self._left.discard(name)
-        except DisconnectedError:
+            return
+        except (DisconnectedError, OSError) as error:
             self._left.discard(name)
+            why = {"why": getattr(error, "strerror", None) or str(error)}
+            self._event(intake, parts, Diagnostic("source_lost", name, "partial", why))
+            return
+        for chunk in chunks:
+            intake.take(name, chunk)
+            if intake.full:
+                return
 
     def _poll(self, intake: Intake) -> None:
         """Let decoders of devices that answer only ask."""
@@ -245,12 +257,9 @@ class Recorder:
 
     def _send(self, name: str, data: bytes) -> None:
         connection = self._open.get(name)
-        if data == b"" or connection is None:
-            return
-        try:
-            connection.write(data)
-        except DisconnectedError:  # Its reader meets that, too, and says so.
-            self._open.pop(name, None)
+        if data != b"" and connection is not None:
+            with suppress(DisconnectedError):  # A lost connection is met by its reader, too.
+                connection.write(data)
 
     def _check(self, now: int, intake: Intake, parts: LogParts) -> None:
         """Once a second: disk, clocks, sources of which nothing is understood; a flush."""

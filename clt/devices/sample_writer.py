@@ -110,13 +110,14 @@ class SampleWriter:
             if not 0 <= stamp < ROS_TIME_END_NS:
                 tally.bad_frames += 1
                 continue
+            tally.reached_ns = stamp
             if WRITERS[type(sample)](self, sample, stamp, log_time):
                 written += 1
                 if tally.first_stamp_ns is None:
                     tally.first_stamp_ns = stamp
                 tally.last_stamp_ns = stamp
-            if self.team.changed:
-                write_team(self.sink, self.team)
+        if self.team.changed:
+            write_team(self.sink, self.team)
         tally.samples += written
         return written
 

@@ -83,17 +83,22 @@ class SourceReader:
             self._thread.join(timeout_s)
 
     def _run(self) -> None:
-        while not self.stopping.is_set() and self.connection is not None:
-            try:
-                self._read(self.connection)
-            except EOFError:
-                break
-            except Exception as error:  # noqa: BLE001 - a source of a third party may raise anything
-                self._let_go()
-                if not self._again(error):
+        try:
+            while not self.stopping.is_set() and self.connection is not None:
+                try:
+                    self._read(self.connection)
+                except EOFError:
                     break
-        self._let_go()
-        self._inbox.put(self.spec.name, Ended())
+                except Exception as error:  # noqa: BLE001 - a thread that dies would never end
+                    lost = error
+                else:
+                    break
+                self._let_go()
+                if not self._again(lost):
+                    break
+            self._let_go()
+        finally:
+            self._inbox.put(self.spec.name, Ended())
 
     def _read(self, connection: Connection) -> None:
         """Read until asked to stop. Raises EOFError and DisconnectedError."""

@@ -12,7 +12,7 @@ from typing import Any
 from clt.core.document import Document
 from clt.core.errors import LogError, UsageError
 from clt.core.settings import did_you_mean
-from clt.devices.decoders.names import is_id, is_robot_name
+from clt.devices.decoders.names import is_id, is_robot_name, usual_id
 from clt.devices.decoders.options import parse_options
 from clt.devices.decoders.table import DecoderSpec, find_decoder
 from clt.devices.joining import JoinSettings
@@ -106,7 +106,7 @@ def sources_of_log(text: str, place: str) -> list[SourceSpec]:
     """The sources that a log stores as JSON. Raises LogError."""
     try:
         table = json.loads(text)
-        return [source_of(name, values) for name, values in table.items()]
+        return [source_of(name, values, opened=False) for name, values in table.items()]
     except (ValueError, AttributeError, UsageError) as error:
         raise LogError(f"{place}: the sources in its metadata make no sense: {error}") from None
 
@@ -116,8 +116,11 @@ def store_sources(specs: Sequence[SourceSpec]) -> str:
     return json.dumps({spec.name: spec.document() for spec in specs})
 
 
-def source_of(name: str, values: object) -> SourceSpec:
-    """A source from its table. Raises UsageError naming source, key and remedy."""
+def source_of(name: str, values: object, *, opened: bool = True) -> SourceSpec:
+    """A source from its table; `opened`: its bytes are to come from there, not from a log.
+
+    Raises UsageError naming source, key and remedy.
+    """
     place = f"source {name}"
     if SOURCE_NAME.fullmatch(name) is None:
         raise UsageError(f"{place}: a name is a letter, then letters, digits or _")
@@ -128,7 +131,8 @@ def source_of(name: str, values: object) -> SourceSpec:
         missing = "url" if "url" not in left else "proto"
         raise UsageError(f"{place}: `{missing}` is missing; add {missing}=...")
     url = parse_url(left.pop("url"))
-    find_source(url.scheme, place).check(url)
+    if opened or url.scheme in PASSING_SCHEMES:
+        find_source(url.scheme, place).check(url)
     proto = left.pop("proto")
     decoder = find_decoder(proto, name)
     own = {key: left.pop(key) for key in tuple(left) if key in OWN_KEYS and key not in decoder.keys}
@@ -191,9 +195,10 @@ def _map(place: str, decoder: DecoderSpec, value: object) -> dict[str, str]:
                 raise UsageError(f"{place}: map: `{word}` is not ID:ROBOT; join them with +")
             pairs.append((key, name))
     robots: dict[str, str] = {}
-    for key, name in pairs:
+    for word, name in pairs:
+        key = usual_id(decoder.ids, word)
         if not is_id(decoder.ids, key):
-            raise UsageError(f"{place}: map: `{key}` is no id of this protocol ({decoder.ids})")
+            raise UsageError(f"{place}: map: `{word}` is no id of this protocol ({decoder.ids})")
         if not is_robot_name(name):
             raise UsageError(
                 f"{place}: map: `{name}` is no name of a robot: a letter, then letters, digits, _"

@@ -39,6 +39,8 @@ def summary_diagnostics(tallies: Mapping[str, Tally]) -> Iterator[Diagnostic]:
         if tally.decoder_error != "":
             failure = {"error": tally.decoder_error, "proto": tally.proto}
             yield Diagnostic("decoder_failed", name, "partial", failure)
+        if tally.bytes == 0:
+            yield Diagnostic("no_bytes", name, "warning")
         if tally.frames == 0 and tally.bytes > 0:
             found = {"bytes": tally.bytes, "proto": tally.proto}
             yield Diagnostic("nothing_decoded", name, "partial", found)

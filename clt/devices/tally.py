@@ -32,6 +32,8 @@ class Tally:
     """Times that a device began again."""
     first_stamp_ns: int | None = None
     last_stamp_ns: int | None = None
+    reached_ns: int | None = None
+    """Latest stamp of a sample, of those that are no message, too (steering)."""
     arrived_ns: int | None = None
     """When bytes came last."""
     first_arrival_ns: int | None = None

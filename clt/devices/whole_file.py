@@ -33,8 +33,10 @@ class WholeFile:
         """Nothing waits."""
 
     def close(self) -> None:
-        """Bring it to the disk and let go of it."""
-        try:
-            os.fsync(self._file)
-        finally:
-            os.close(self._file)
+        """Bring it to the disk and let go of it; again: nothing."""
+        file, self._file = self._file, -1
+        if file >= 0:
+            try:
+                os.fsync(file)
+            finally:
+                os.close(file)

@@ -109,3 +109,77 @@ def test_a_log_that_exists_or_has_no_folder(tmp_path):
 def test_the_room_on_a_disk(tmp_path):
     assert free_bytes(tmp_path / "o.mcap") > 0
     assert free_bytes(tmp_path / "none" / "o.mcap") is None
+
+
+class SharedDisk(WholeFile):
+    """All files together take so many bytes; none can be created on it once it is `closed`."""
+
+    room = 0
+    closed = False
+
+    def __init__(self, path, *, force):
+        if SharedDisk.closed:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        super().__init__(path, force=force)
+
+    def write(self, data):
+        taken = min(SharedDisk.room, len(data))
+        super().write(bytes(data[:taken]))
+        SharedDisk.room -= taken
+        if taken < len(data):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return len(data)
+
+    def truncate(self):
+        end = os.lseek(self._file, 0, os.SEEK_END)
+        os.lseek(self._file, 0, os.SEEK_SET)
+        here = self.position
+        SharedDisk.room += end - here
+        os.ftruncate(self._file, here)
+        os.lseek(self._file, here, os.SEEK_SET)
+
+    def seek(self, position):
+        self.position = position
+        return super().seek(position)
+
+
+@pytest.mark.parametrize("room", [*range(0, 3000, 150), "closed"])
+def test_a_disk_that_is_full_when_a_part_begins(tmp_path, monkeypatch, room):
+    """The part before is ended in order, and no beginning of the next one is left."""
+    monkeypatch.setattr(SharedDisk, "closed", False)
+    monkeypatch.setattr(SharedDisk, "room", 1 << 30)
+    monkeypatch.setattr(log_parts, "WholeFile", SharedDisk)
+    parts = LogParts(tmp_path / "o.mcap", {"clt.run": {"a": "b" * 200}}, split_ns=100)
+    channel = parts.channel("/R1/uwb/range", RANGE)
+    for time in range(100):
+        for _ in range(10):
+            parts.write(channel, time, time, os.urandom(52))
+        if time % 10 == 9:
+            parts.flush()
+    SharedDisk.closed = room == "closed"
+    SharedDisk.room = 10_000 if room == "closed" else room
+
+    def write_on():
+        for time in range(100, 10_000, 10):
+            parts.write(channel, time, time, os.urandom(52))
+            parts.flush()
+
+    with pytest.raises(DiskFullError):
+        write_on()
+    parts.close_full()
+    left = sorted(tmp_path.iterdir())
+    assert left == parts.paths
+    assert count(left[0]) >= 900
+    for path in left[1:]:
+        count(path)
+
+
+def test_a_part_that_cannot_begin_ends_the_one_before(tmp_path):
+    parts = LogParts(tmp_path / "o.mcap", {}, split_ns=100)
+    channel = parts.channel("/R1/uwb/range", RANGE)
+    parts.write(channel, 0, 0, bytes(52))
+    (tmp_path / "o_001.mcap").write_bytes(b"mine")
+    with pytest.raises(CltError, match="exists"):
+        parts.write(channel, 100, 100, bytes(52))
+    assert count(tmp_path / "o_000.mcap") == 1
+    assert (tmp_path / "o_001.mcap").read_bytes() == b"mine"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import struct
+from math import tan
 
 import pytest
 from mcap.reader import make_reader
@@ -20,6 +22,7 @@ from clt.devices.sources.source import Chunk, DisconnectedError, SourceKind
 from clt.devices.sources.table import SOURCES
 from clt.devices.summary import summary_diagnostics
 from clt.devices.team import GrowingTeam
+from clt.log.recording.load import load
 from tests.devices.clocks import FakeTime
 from tests.devices.streams import range_line
 
@@ -350,3 +353,96 @@ def test_a_source_that_raises_ends_or_begins_again(record):
     events, tallies, _ = record(script)
     assert events[0].values["why"] == "ZeroDivisionError: oh"
     assert tallies["x0"].frames == 2
+
+
+def test_angles_of_a_file_advance_with_the_speeds_of_another(tmp_path):
+    """Steering is no message, but it is read no further ahead than its own times say."""
+    lines = {
+        "turn": [
+            {"type": "steer", "node": "car", "angle": 0.001 * k, "t": 0.1 * k} for k in range(600)
+        ],
+        "odo": [{"type": "odom", "node": "car", "v": 1.0, "t": 0.1 * k} for k in range(600)],
+    }
+    for name, said in lines.items():
+        (tmp_path / name).write_text("".join(json.dumps(one) + "\n" for one in said))
+    specs = [
+        parse_source(f"turn=file:{tmp_path}/turn,proto=ndjson"),
+        parse_source(f"odo=file:{tmp_path}/odo,proto=ndjson,steer=turn,wheelbase=1"),
+    ]
+    recorder = Recorder(
+        specs,
+        RecorderOptions(),
+        HostClock(SystemTime()),
+        words=diagnostic_text,
+        on_event=lambda _: None,
+        on_status=lambda _: None,
+    )
+    recorder.open()
+    parts = LogParts(tmp_path / "o.mcap", {"clt.run": {}})
+    intake = Intake(parts, specs, GrowingTeam(), 0)
+    recorder.run(intake, parts)
+    assert intake.tallies["odo"].unknown_turns == 0
+    turn_rates = load(tmp_path / "o.mcap").recording.odometry["car"].omega
+    assert turn_rates == pytest.approx([tan(0.001 * k) for k in range(600)], abs=1e-9)
+
+
+@pytest.mark.parametrize("rate", [0, 1])
+def test_times_beyond_all_sense_do_no_harm(tmp_path, rate):
+    """A clock map has 64 bits; what does not fit is not written, the sample is refused or kept."""
+    line = b"(9999999999.000000) can0 00000901#0000240C007B00B9\n"
+    (tmp_path / "can.log").write_bytes(5 * line)
+    spec = parse_source(f"can=candump:{tmp_path}/can.log?rate={rate},proto=vesc-can")
+    parts = LogParts(tmp_path / "o.mcap", {"clt.run": {}})
+    intake = Intake(parts, [spec], GrowingTeam(), 0)
+    intake.take("can", Chunk(1, 5 * line))
+    intake.finish(2)
+    parts.finish()
+    assert intake.tallies["can"].frames == 5
+
+
+def test_a_source_that_fails_in_an_unforeseen_way_is_lost_and_opened_again(record):
+    """No thread dies and leaves a recording that waits for ever."""
+    script = Script(range_line(0.0), OSError(5, "broken"), range_line(1.0), ValueError("torn"))
+    events, tallies, _ = record(script)
+    assert [one.kind for one in events].count("source_lost") == 2
+    assert tallies["x0"].frames == 2
+    assert "broken" in str(events[0].values["why"])
+
+
+def test_a_file_that_cannot_be_read_on_is_lost(tmp_path):
+    """A log is ended and says why there is no more."""
+    (tmp_path / "in").write_bytes(range_line(0.0))
+    spec = parse_source(f"x=file:{tmp_path}/in,proto=ndjson")
+    events = []
+    recorder = Recorder(
+        [spec],
+        RecorderOptions(),
+        HostClock(SystemTime()),
+        words=diagnostic_text,
+        on_event=events.append,
+        on_status=lambda _: None,
+    )
+    recorder.open()
+    steps = Script(range_line(0.0), OSError(5, "Input/output error"))
+    steps.clock = HostClock(SystemTime())
+    recorder._readers["x"].connection.close()
+    recorder._readers["x"].connection = steps
+    parts = LogParts(tmp_path / "o.mcap", {"clt.run": {}})
+    recorder.run(Intake(parts, [spec], GrowingTeam(), 0), parts)
+    assert kinds(events) == [("source_lost", "x")]
+    with (tmp_path / "o.mcap").open("rb") as file:
+        assert make_reader(file).get_summary() is not None
+
+
+def test_a_datagram_of_one_object_needs_no_end_of_line(tmp_path):
+    spec = parse_source("net=udp:127.0.0.1:9,proto=ndjson")
+    parts = LogParts(tmp_path / "o.mcap", {"clt.run": {}})
+    intake = Intake(parts, [spec], GrowingTeam(), 0)
+    line = range_line(0.0).rstrip()
+    pieces = [line, line + b"\n" + line + b"\n", line[:20], line[20:] + b"\n", line + b"\r", line]
+    for k, piece in enumerate(pieces):
+        intake.take("net", Chunk(k, piece))
+    intake.finish()
+    parts.finish()
+    tally = intake.tallies["net"]
+    assert (tally.frames, tally.bad_frames, tally.bytes) == (6, 0, sum(map(len, pieces)))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import sys
+
 import pytest
 
 from clt.core.document import Document
-from clt.core.errors import LogError, UsageError
+from clt.core.errors import CltError, LogError, UsageError
 from clt.devices.source_spec import (
     check_sources,
     override,
@@ -117,3 +119,31 @@ def test_two_sources_of_standard_input():
 def test_wrong_words_are_named(words, said):
     with pytest.raises(UsageError, match=said):
         parse_source(words)
+
+
+def test_the_sources_of_a_log_are_not_opened_again(monkeypatch):
+    """At a terminal, and without pyserial, the bytes of a log can be decoded again."""
+    monkeypatch.setattr("sys.stdin", None)
+    monkeypatch.setitem(sys.modules, "serial", None)
+    stored = '{"a": {"url": "-", "proto": "ndjson"}, "b": {"url": "serial:x", "proto": "rcl"}}'
+    assert [spec.name for spec in sources_of_log(stored, "log")] == ["a", "b"]
+    with pytest.raises(UsageError, match="terminal"):
+        parse_source("a=-,proto=ndjson")
+    with pytest.raises(CltError, match="pyserial"):
+        parse_source("b=serial:x,proto=rcl")
+
+
+@pytest.mark.parametrize(
+    ("proto", "given", "usual"),
+    [
+        ("dwm1001,node=a", "022e", "022E"),
+        ("qorvo-cli,node=a", "0x00AB", "0x00ab"),
+        ("rcl", "01", "1"),
+        ("rcl", "0", "0"),
+        ("trek1000", "t00", "t0"),
+        ("ndjson", "0A", "0A"),
+    ],
+)
+def test_ids_of_a_map_are_those_that_decoders_write(proto, given, usual):
+    spec = parse_source(f"x=file:a,proto={proto},map={given}:R1")
+    assert spec.robots == {usual: "R1"}

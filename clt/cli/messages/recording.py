@@ -48,6 +48,7 @@ RECORDING_TEXTS: Texts = {
     "source_lost": "source {subject}: lost: {why}",
     "source_back": "source {subject}: back after {gap_s:.1f} s",
     "source_silent": "source {subject}: silent for {silent_s:g} s",
+    "no_bytes": "source {subject}: not one byte arrived",
     "nothing_decoded": nothing_decoded_text,
     "datagrams_lost": "source {subject}: {lost} datagrams lost so far; they come faster than they "
     "are taken",

@@ -47,8 +47,8 @@ class MakerfabsFormat:
     def parse(self, line: bytes, frame: int) -> Sequence[Sample] | Verdict:
         found = LINE.fullmatch(line.strip())
         if found is None:
-            if RSSI_LINE.fullmatch(line) is not None:
-                return ()
+            if RSSI_LINE.fullmatch(line) is not None:  # The rest of a frame, not one of its own.
+                return Verdict.PART
             return Verdict.REFUSED if line.lstrip().startswith(b"AT+RANGE") else Verdict.OTHER
         parts = dict(PART.findall(found[5]))
         try:

@@ -29,6 +29,17 @@ def is_id(form: IdForm, text: str) -> bool:
     return re.fullmatch(ID_PATTERNS[form], text) is not None
 
 
+def usual_id(form: IdForm, text: str) -> str:
+    """An id as decoders write it: `022e` as `022E`, `0x00AB` as `0x00ab`, `t01` as `t1`."""
+    if form == "hex4":
+        return text.upper()
+    if form == "hex":
+        return text.lower()
+    if form in {"decimal", "letter"}:
+        return re.sub(r"^([at]?)0+(?=\d)", r"\1", text)
+    return text
+
+
 def name_without_map(form: IdForm, device_id: str) -> str | None:
     """What a robot is called where no map is given: `n` and the id, or an id that is a name.
 

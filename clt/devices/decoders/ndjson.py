@@ -112,7 +112,7 @@ class NdjsonFormat:
         node, clock = name_field(said, "node"), said.get("clock")
         if len(self.clock_of) + len(self.wrap_ns) > MAX_NAMES:
             raise WrongFieldError("node")
-        if clock in {"boot", "unix"}:
+        if clock in ("boot", "unix"):
             self.clock_of[node] = node if clock == "boot" else ""
         if "wrap" in said:
             wrap = number_field(said, "wrap", MAX_TIME_S)

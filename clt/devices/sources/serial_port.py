@@ -14,6 +14,8 @@ from clt.devices.sources.url import check_options, check_target, number_option
 
 SERIAL_OPTIONS = {"baud": "bits per second (115200)"}
 DEFAULT_BAUD = 115_200
+WRITE_TIMEOUT_S = 0.02
+"""A device that takes nothing must not hold up the writer of the log."""
 
 
 def pyserial() -> Any:
@@ -36,7 +38,9 @@ class SerialConnection:
         port = url.target if "/" in url.target else f"/dev/{url.target}"
         baud = int(number_option(url, "baud", DEFAULT_BAUD, 1, 100_000_000))
         try:
-            self._port = serial.Serial(port, baud, timeout=0, exclusive=True)
+            self._port = serial.Serial(
+                port, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True
+            )
         except (serial.SerialException, OSError, ValueError) as error:
             raise DisconnectedError(_cause(error)) from None
 

@@ -46,8 +46,9 @@ class ClosedError(DisconnectedError):
 class Connection(Protocol):
     """An open source."""
 
-    lost: int
-    """Datagrams or frames that the system is known to have dropped."""
+    @property
+    def lost(self) -> int:
+        """Datagrams or frames that the system is known to have dropped."""
 
     def read(self, timeout_s: float) -> Sequence[Chunk]:
         """Wait for bytes at most so long; none where nothing came.

@@ -32,12 +32,15 @@ class TcpConnection:
             self._socket = socket.create_connection((host, port), CONNECT_TIMEOUT_S)
         except OSError as error:
             raise DisconnectedError(error.strerror or str(error)) from None
+        self._socket.setblocking(False)
 
     def read(self, timeout_s: float) -> Sequence[Chunk]:
         if len(readable([self._socket], timeout_s)) == 0:
             return []
         try:
             data = self._socket.recv(READ_BYTES)
+        except BlockingIOError:
+            return []
         except OSError as error:
             raise DisconnectedError(error.strerror or str(error)) from None
         if data == b"":
@@ -47,6 +50,8 @@ class TcpConnection:
     def write(self, data: bytes) -> None:
         try:
             self._socket.sendall(data)
+        except BlockingIOError:  # The other side takes nothing: it must not hold up the log.
+            return
         except OSError as error:
             raise DisconnectedError(error.strerror or str(error)) from None
 

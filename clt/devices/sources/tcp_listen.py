@@ -31,12 +31,18 @@ class TcpServer:
             waiting.append(self._server)
         for one in readable(waiting, timeout_s):
             if one is self._server:
-                client, _ = self._server.accept()
+                try:
+                    client, _ = self._server.accept()
+                except OSError:  # It left again before it was taken, or there are no more sockets.
+                    continue
+                client.setblocking(False)
                 taken = set(self._clients.values())
                 self._clients[client] = min(set(range(1, MAX_CLIENTS + 1)) - taken)
                 continue
             try:
                 data = one.recv(READ_BYTES)
+            except BlockingIOError:
+                continue
             except OSError:
                 data = b""
             found.append(Chunk(self._clock.now_ns(), data, self._clients[one]))
@@ -47,7 +53,7 @@ class TcpServer:
 
     def write(self, data: bytes) -> None:
         """Send to all clients; one that has left is noticed when it is read."""
-        for client in self._clients:
+        for client in tuple(self._clients):
             try:
                 client.sendall(data)
             except OSError:

@@ -10,6 +10,7 @@ import os
 import socket
 import struct
 from collections.abc import Sequence
+from contextlib import suppress
 
 from clt.devices.host_clock import NS_PER_SECOND, HostClock
 from clt.devices.sources.sockets import bound, readable
@@ -18,12 +19,15 @@ from clt.devices.sources.url import check_options, host_and_port, number_option
 
 SO_TIMESTAMPNS = 35
 SO_RXQ_OVFL = 40
+SO_MEMINFO = 55
 LARGEST_DATAGRAM = 1 << 16
 MAX_AT_ONCE = 256
 """Datagrams of one read."""
 UDP_OPTIONS = {"buffer": "bytes that the kernel keeps until they are read (its own choice)"}
 TIMESPEC = struct.Struct("@ll")
 COUNTER = struct.Struct("@I")
+MEMORY = struct.Struct("@9I")
+"""What SO_MEMINFO gives; last the number of datagrams dropped."""
 
 
 def ancillary(extra: list[tuple[int, int, bytes]]) -> tuple[int | None, int | None]:
@@ -42,7 +46,7 @@ class UdpConnection:
     """A bound socket."""
 
     def __init__(self, url: SourceUrl, clock: HostClock) -> None:
-        self.lost = 0
+        self._lost = 0
         self._clock = clock
         self._socket = bound(url, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
@@ -56,6 +60,14 @@ class UdpConnection:
             except OSError:  # Not Linux: stamped when read, losses unknown.
                 continue
 
+    @property
+    def lost(self) -> int:
+        """Datagrams that found the buffer full, those after the last one received, too."""
+        with suppress(OSError, struct.error):  # Not Linux, or closed.
+            memory = self._socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMORY.size)
+            self._lost = max(self._lost, MEMORY.unpack(memory)[-1])
+        return self._lost
+
     def read(self, timeout_s: float) -> Sequence[Chunk]:
         found: list[Chunk] = []
         if len(readable([self._socket], timeout_s)) == 0:
@@ -68,7 +80,7 @@ class UdpConnection:
             except OSError as error:
                 raise DisconnectedError(os.strerror(error.errno or 0)) from None
             stamp, lost = ancillary(extra)
-            self.lost = self.lost if lost is None else lost
+            self._lost = self._lost if lost is None else lost
             if data != b"":
                 now = self._clock.now_ns() if stamp is None else self._clock.of_wall_ns(stamp)
                 found.append(Chunk(now, data))

@@ -539,3 +539,63 @@ def test_captured_bytes_are_never_overwritten(tmp_path):
     log = load(tmp_path / "o.mcap").recording
     digest = hashlib.sha256(ndjson(0.2)).hexdigest()
     assert json.loads(log.run["inputs"]) == {"in.json": digest}
+
+
+def test_nobody_reads_what_is_said_any_more(tmp_path):
+    """Standard error that is closed ends no recording: it goes on and is ended in order."""
+    port = free_port(socket.SOCK_DGRAM)
+    words = ["-o", "o.mcap", "--source", f"net=udp:127.0.0.1:{port},proto=ndjson", "--json"]
+    process = start(tmp_path, *words)
+    until((tmp_path / "o.mcap").exists, process)
+    process.stderr.close()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as device:
+        for begin in (100.0, 0.0):  # A device that begins again is reported.
+            for k in range(20):
+                device.sendto(range_line(begin + 0.01 * k, k), ("127.0.0.1", port))
+                time.sleep(0.01)
+    time.sleep(0.5)
+    process.send_signal(signal.SIGHUP)
+    out = process.stdout.read().decode()
+    assert process.wait() == 0
+    process.stdout.close()
+    assert figures(out)["net"]["frames"] == 40
+    said = [data for topic, *_, data in messages(tmp_path / "o.mcap") if topic == "/clt/log"]
+    assert b"began again" in b"".join(said)
+
+
+@pytest.mark.parametrize("text", [b"x" * 100 + b"\n" + range_line(1.0)[:-1], range_line(1.0)[:-1]])
+def test_a_last_line_without_an_end_is_the_same_again(tmp_path, text):
+    """Its message keeps its log time: it arrived with the latest bytes, not at the end."""
+    pipe = start(tmp_path, "-o", "o.mcap", "--source", "a=-,proto=ndjson", stdin=subprocess.PIPE)
+    pipe.stdin.write(text)
+    pipe.stdin.flush()
+    until((tmp_path / "o.mcap").exists, pipe)
+    time.sleep(0.3)
+    pipe.stdin.close()
+    pipe.wait()
+    pipe.stdout.close()
+    pipe.stderr.close()
+    run(tmp_path, "--from", "o.mcap", "-o", "again.mcap")
+    assert messages(tmp_path / "again.mcap") == messages(tmp_path / "o.mcap")
+    assert "/R1/uwb/range" in [topic for topic, *_ in messages(tmp_path / "o.mcap")]
+
+
+def test_a_source_that_is_mute_is_named(tmp_path):
+    (tmp_path / "in.json").write_bytes(range_line(1.0))
+    (tmp_path / "empty").write_bytes(b"")
+    words = ["--source", "a=file:in.json,proto=ndjson", "--source", "b=file:empty,proto=ndjson"]
+    done = run(tmp_path, "-o", "o.mcap", "--json", *words)
+    assert json.loads(done.stdout)["warnings"] == ["source b: not one byte arrived"]
+
+
+def test_powers_on_a_line_of_their_own_make_no_frame(tmp_path):
+    """They do not stretch the time between frames."""
+    lines = [
+        f"AT+RANGE=tid:1,mask:01,seq:{k},range:(30,0,0,0,0,0,0,0),\nrssi:(-70,0,0,0,0,0,0,0)\n"
+        for k in range(5)
+    ]
+    (tmp_path / "in").write_text("".join(lines))
+    done = run(tmp_path, "-o", "o.mcap", "--json", "--source", "a=file:in,proto=makerfabs")
+    found = figures(done.stdout)["a"]
+    assert (found["frames"], found["skipped_bytes"]) == (5, 0)
+    assert found["last_stamp_ns"] - found["first_stamp_ns"] == 400_000_000

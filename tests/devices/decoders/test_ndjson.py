@@ -149,3 +149,11 @@ def test_options():
         said(clock="x")
     with pytest.raises(UsageError, match="source own: unknown protocol `ndjsn`, did you mean"):
         make_decoder("ndjsn", {}, "own")
+
+
+@pytest.mark.parametrize("clock", [[], {}, [1], 7, None])
+def test_a_clock_without_sense_does_no_harm(clock):
+    """A list has no hash, so that it cannot be looked up."""
+    found, decoder = said({"type": "hello", "node": "a", "clock": clock})
+    assert found == []
+    assert decoder.counts.frames == 1

@@ -8,6 +8,7 @@ import pty
 import socket
 import sys
 import tty
+from contextlib import suppress
 
 import pytest
 
@@ -207,3 +208,53 @@ def test_sources_of_third_parties(monkeypatch):
         else:
             with pytest.raises(CltError, match=said):
                 find_source("mine", "source x")
+
+
+def test_a_port_that_takes_nothing_holds_nobody_up():
+    """What is sent to a device that does not read is given up; the port stays open."""
+    terminal, device = pty.openpty()
+    tty.setraw(device)
+    port = opened(f"serial:{os.ttyname(device)}")
+    written = 0
+    with suppress(DisconnectedError):
+        while written < 1 << 20:
+            port.write(bytes(256))
+            written += 256
+    assert written < 1 << 20
+    os.write(terminal, b"still")
+    assert b"".join(one.data for one in read_all(port, 5)) == b"still"
+    port.close()
+    os.close(terminal)
+    os.close(device)
+
+
+def test_another_side_that_takes_nothing_holds_nobody_up():
+    server = socket.create_server(("127.0.0.1", 0))
+    client = opened(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+    peer, _ = server.accept()
+    listener = opened("tcp-listen:127.0.0.1:0")
+    reader = socket.create_connection(listener._server.getsockname())
+    assert read_all(listener, 5) == []
+    for _ in range(64):
+        client.write(bytes(1 << 20))
+        listener.write(bytes(1 << 20))
+    peer.sendall(b"still")
+    reader.sendall(b"there")
+    assert b"".join(one.data for one in read_all(client, 5)) == b"still"
+    assert b"".join(one.data for one in read_all(listener, 5)) == b"there"
+    for one in (server, client, peer, listener, reader):
+        one.close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the kernel of Linux counts")
+def test_datagrams_lost_after_the_last_one_received_are_counted():
+    """No later datagram brings the number of these."""
+    receiver = opened("udp:127.0.0.1:0?buffer=4096")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for _ in range(200):
+            sender.sendto(bytes(50), receiver._socket.getsockname())
+    kept = len(read_all(receiver, 3))
+    assert 0 < kept < 200
+    assert receiver.lost == 200 - kept
+    receiver.close()
+    assert receiver.lost == 200 - kept
