@@ -35,6 +35,7 @@ from clt.core.recording import (
     Stamps,
     Team,
 )
+from clt.importers.matfile import read_mat_file
 
 MAT_FILE = "data190313.mat"
 SURVEY_FILE = "Data1.txt"
@@ -93,19 +94,8 @@ def _anchors(team: Team, truth: Mapping[str, Poses]) -> dict[str, Poses]:
 
 def _read_mat(path: Path) -> tuple[list[Any], list[Any]]:
     """The entries of `range_m` and of `robot`."""
-    from scipy.io import loadmat  # noqa: PLC0415 - slow to import, and only wanted here
-
-    try:
-        content = loadmat(str(path), appendmat=False, squeeze_me=True)
-    except OSError as error:
-        raise LogError(f"{path}: {error.strerror or error}") from None
-    except Exception as error:  # noqa: BLE001 - scipy lets through whatever a broken file provokes
-        raise LogError(f"{path}: not a MATLAB 5 file: {_one_line(error)}") from None
+    content = read_mat_file(path)
     return _structs(content, "range_m", path), _structs(content, "robot", path)
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _structs(content: dict[str, Any], name: str, path: Path) -> list[Any]:
