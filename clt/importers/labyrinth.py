@@ -12,8 +12,8 @@ Nothing says when a sample reached the recorder, so log_time = stamp. Against wh
 says of itself, w1 is the LEFT wheel and b HALF the track: v = (w1 + w2) / 2,
 omega = (w2 - w1) / (2 b), the mean over the interval that ends at the stamp, as its authors use it.
 
-The truth has no heading. Where the robot moves it is the course over ground, turned by pi where the
-wheels run backwards; elsewhere it is unknown. Ranges are as published (they read 0.12 m long). The
+The truth has no heading. Where the robot drives straight it is the course over ground, turned by pi
+where the wheels run backwards; elsewhere it is unknown. Ranges are as published (they read 0.12 m long). The
 robot is `robot`, anchors are A<id>, static.
 """
 
@@ -56,7 +56,9 @@ COURSE_ROWS = 2
 MIN_COURSE_SPEED = 0.2
 """It is the heading where the robot is as fast on both sides, m/s."""
 MAX_COURSE_S = 1.5
-"""And where these rows span no more, s."""
+"""And where these rows span no more, s,"""
+MAX_COURSE_TURN = 0.5
+"""and the wheels turn it no faster, rad/s: a marker beside the axle moves sideways in turns."""
 
 
 class LabyrinthRows(NamedTuple):
@@ -107,7 +109,7 @@ def read_labyrinth(path: Path) -> Recording:
     known = rows["gt2"] if len(rows["gt2"].stamp) > 0 else rows["point2"]
     if len(known.stamp) > 0:
         truth["robot"] = _truth(known, odometry)
-        notes.append("robot: true headings are the course over ground, where it moves")
+        notes.append("robot: true headings are the course over ground where it drives straight")
     return Recording(
         team=team,
         odometry={"robot": odometry},
@@ -186,7 +188,8 @@ def _truth(rows: LabyrinthRows, odometry: Odometry) -> Poses:
     """Positions, with the course over ground as heading where that is known."""
     x, y = rows.values.T
     t = (rows.stamp - rows.stamp[0]) * 1e-9
-    v = np.interp(t, (odometry.stamp - rows.stamp[0]) * 1e-9, odometry.v)
+    own = (odometry.stamp - rows.stamp[0]) * 1e-9
+    v, omega = np.interp(t, own, odometry.v), np.interp(t, own, np.abs(odometry.omega))
     heading, k = np.full(len(t), np.nan), COURSE_ROWS
     if len(t) > 2 * k:
         span = t[2 * k :] - t[: -2 * k]
@@ -196,7 +199,9 @@ def _truth(rows: LabyrinthRows, odometry: Odometry) -> Poses:
         )
         course = np.arctan2(y[2 * k :] - y[: -2 * k], x[2 * k :] - x[: -2 * k])
         course = wrap_angle(np.where(v[k:-k] < 0.0, course + np.pi, course))
+        fastest = np.max([omega[i : len(t) - 2 * k + i] for i in range(2 * k + 1)], axis=0)
         known = (slowest > MIN_COURSE_SPEED) & (span <= MAX_COURSE_S)
+        known &= fastest < MAX_COURSE_TURN
         heading[k:-k] = np.where(known, course, np.nan)
     return Poses(WORLD_FRAME, rows.stamp, rows.stamp, x, y, heading)
 
