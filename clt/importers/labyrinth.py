@@ -13,8 +13,8 @@ says of itself, w1 is the LEFT wheel and b HALF the track: v = (w1 + w2) / 2,
 omega = (w2 - w1) / (2 b), the mean over the interval that ends at the stamp, as its authors use it.
 
 The truth has no heading. Where the robot drives straight it is the course over ground, turned by pi
-where the wheels run backwards; elsewhere it is unknown. Ranges are as published (they read 0.12 m long). The
-robot is `robot`, anchors are A<id>, static.
+where the wheels run backwards; elsewhere it is unknown. Ranges are as published (they read 0.12 m
+long). The robot is `robot`, anchors are A<id>, static.
 """
 
 from __future__ import annotations

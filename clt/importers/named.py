@@ -33,10 +33,9 @@ def named_files(paths: Iterable[Path], ends: Sequence[str]) -> tuple[NamedFile, 
     """
     found: list[NamedFile] = []
     for path in paths:
-        match = NAMED_PATH_PATTERN.fullmatch(str(path))
-        if match is not None and not path.exists():
-            one = _named(Path(match[2]))
-            found.append(one._replace(robot=match[1]))
+        plain = plain_path(path)
+        if plain != path:
+            found.append(_named(plain)._replace(robot=str(path).partition("=")[0]))
         elif path.is_dir():
             inside = [
                 file
@@ -49,6 +48,12 @@ def named_files(paths: Iterable[Path], ends: Sequence[str]) -> tuple[NamedFile, 
         else:
             found.append(_named(path))
     return tuple(found)
+
+
+def plain_path(path: Path) -> Path:
+    """The path without `NAME=`."""
+    match = NAMED_PATH_PATTERN.fullmatch(str(path))
+    return path if match is None or path.exists() else Path(match[2])
 
 
 def _named(path: Path) -> NamedFile:
