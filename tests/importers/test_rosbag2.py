@@ -8,8 +8,11 @@ import pytest
 from typer.testing import CliRunner
 
 from clt.cli.app import app
+from clt.core.document import Document
+from clt.importers.rosbag2 import read_rosbag2, rosbag2_files
 from clt.log.recording.load import load
 from tests.importers.bags import SECOND, write_bag
+from tests.log.ros_bags import ros_bag, split
 
 STREAMS = """
 [robots.tb1]
@@ -84,3 +87,35 @@ def test_streams_are_for_bags_only(bag: Path, tmp_path: Path) -> None:
     code, said = clt("import", "pyfg", bag, "--streams", streams, "-o", tmp_path / "log.mcap")
     assert code == 2
     assert "--streams maps the topics of a ROS 2 bag" in said
+
+
+@pytest.mark.parametrize("mcap", [False, True])
+def test_folders_of_both_kinds_and_in_parts(tmp_path: Path, mcap: bool) -> None:
+    topics = {
+        "/turtle/odom": (
+            "odom",
+            [(100 * SECOND + k * SECOND // 10, (0.5, 0.1)) for k in range(40)],
+        ),
+        "/uwb/distance": (
+            "distance",
+            [(100 * SECOND + k * SECOND // 5, (3.5,)) for k in range(20)],
+        ),
+    }
+    parts = [
+        ros_bag(
+            tmp_path / f"part{number}",
+            {name: (kind, rows[part]) for name, (kind, rows) in topics.items()},
+            mcap=mcap,
+        )
+        for number, part in enumerate((slice(None, 10), slice(10, None)))
+    ]
+    whole = split(tmp_path / "bag", parts)
+    streams = tmp_path / "streams.toml"
+    streams.write_text(STREAMS.replace('ground_truth = "/mocap/pose"\n', ""))
+    document = Document.read(streams)
+    assert len(rosbag2_files(whole)) == 2
+    recording = read_rosbag2(whole, document)
+    assert len(recording.odometry["tb1"].stamp) == 40
+    assert len(recording.ranges.stamp) == 20
+    (file,) = [path for path in parts[0].iterdir() if path.name != "metadata.yaml"]
+    assert len(read_rosbag2(file, document).odometry["tb1"].stamp) == 10
