@@ -9,6 +9,7 @@ import numpy as np
 
 from clt.core.errors import LogError
 from clt.core.recording import Floats
+from clt.log.recording.cleaning import MAX_MEASUREMENT
 
 
 def read_mat_file(path: Path) -> dict[str, Any]:
@@ -44,8 +45,10 @@ def mat_table(content: dict[str, Any], name: str, width: int, path: Path) -> Flo
         raise LogError(f"{path}: `{name}` is not numeric") from None
     if table.ndim != 2 or table.shape[1] != width or len(table) == 0:
         raise LogError(f"{path}: `{name}` has the shape {table.shape}, not (rows, {width})")
-    finite = np.isfinite(table).all(axis=1)
-    if not finite.all():
-        row = int(np.argmin(finite)) + 1
-        raise LogError(f"{path}: `{name}`, row {row}: a value is not finite")
+    usable = (np.abs(table) <= MAX_MEASUREMENT).all(axis=1)  # false for NaN
+    if not usable.all():
+        row = int(np.argmin(usable)) + 1
+        raise LogError(
+            f"{path}: `{name}`, row {row}: a value is not finite, or beyond {MAX_MEASUREMENT:g}"
+        )
     return table

@@ -99,6 +99,7 @@ def broken(**changes):
         (broken(TL=np.array([[1.5, 0, 0]])), "`TL`: the first column holds no ids"),
         (broken(TL=np.array([[1, 0, 0], [1, 0, 0]])), "two beacons share one id"),
         (broken(TD=np.array([[1, 2, 6, np.nan]])), "`TD`, row 1: a value is not finite"),
+        (broken(DR=content()["DR"] * [1, 1e13, 1]), "`DR`, row 1: .* or beyond 1e"),
         (broken(TD="text"), "`TD` is not numeric"),
     ],
 )
