@@ -18,6 +18,8 @@ from clt.core.recording import Floats, Indices, Odometry, Stamps
 
 MAX_WHOLE_PERIODS = 1.4
 """A longer interval, in median ones, is cut; `clt.model.odometry_gaps` takes 1.5 as a gap."""
+MAX_PARTS = 10_000
+"""Samples that one interval becomes at most."""
 NEGLIGIBLE_SIDEWAYS = 0.1
 """A step sideways below this share of its standard deviation is left out."""
 MAX_NEGLIGIBLE_SIDEWAYS = 1e-3
@@ -59,11 +61,12 @@ class RelativePoses(NamedTuple):
 def intervals_to_odometry(given: TwistIntervals) -> tuple[Odometry, int]:
     """Samples at the ends of the intervals, long ones cut; how many were cut.
 
-    `given` is sorted and does not overlap.
+    `given` is sorted and does not overlap. An interval that would need more than MAX_PARTS samples
+    stays whole: a gap.
     """
     length = given.end - given.begin
     period = float(np.median(length))
-    cut = length > MAX_WHOLE_PERIODS * period
+    cut = (length > MAX_WHOLE_PERIODS * period) & (length <= MAX_PARTS * period)
     parts = np.where(cut, np.ceil(length / period), 1).astype(np.int64)
     row = np.repeat(np.arange(len(length)), parts)
     place = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts) + 1

@@ -118,3 +118,12 @@ def test_unknown_noise_stays_unknown():
     sigma_v, _, said = odometry_sigmas(odometry, Robot("R1", 1), NoiseSettings())
     assert np.all(np.isfinite(sigma_v))
     assert len(said) > 0
+
+
+def test_a_pause_of_months_stays_a_gap():
+    rows = [(0.02, 0.0, 0.0)] * 5
+    given = steps(rows, [0.2, 0.2, 1e7, 0.2, 0.2])
+    odometry, cut = intervals_to_odometry(relative_poses_to_intervals(given)[0])
+    assert cut == 0
+    assert len(odometry.stamp) == 5
+    assert odometry_gaps(odometry.stamp).sum() == 1
