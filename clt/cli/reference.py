@@ -109,8 +109,9 @@ def _offset_given(offset_ns: int) -> Diagnostic:
 
 def _read(given: ReferenceFiles, streams: Document | None) -> dict[str, Poses]:
     """The truth in all files by robot."""
-    from clt.core.errors import CltError
+    from clt.core.errors import CltError, UsageError
     from clt.importers.csv_tables import read_csv_tables
+    from clt.importers.named import plain_path
     from clt.importers.tum import read_tum
     from clt.log.recording.load import load
     from clt.metrics.reference import REFERENCE_FRAME
@@ -123,6 +124,10 @@ def _read(given: ReferenceFiles, streams: Document | None) -> dict[str, Poses]:
                 name: replace(poses, frame=REFERENCE_FRAME)
                 for name, poses in read((path,)).truth.items()
             }
+        elif plain_path(path) != path:
+            raise UsageError(
+                f"--truth {path}: a log names its robots itself; NAME=PATH is for trajectories"
+            )
         else:
             tracks = dict(load(path, streams, frozenset({"truth"})).recording.truth)
         if len(tracks) == 0:

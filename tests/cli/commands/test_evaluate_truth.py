@@ -110,6 +110,7 @@ def test_wrong_words(log: Path, tmp_path: Path) -> None:
         (("--truth", file, "--truth-offset", "inf"), 2, "give seconds, or auto"),
         (("--truth", file, "--truth-offset", "1000"), 1, "does not overlap them"),
         (("--truth", tmp_path / "nowhere.tum"), 1, "No such file"),
+        (("--truth", f"R1={log}"), 2, "a log names its robots itself"),
         (("--truth", log), 1, "no ground truth in it"),
         (("--truth", file, "--truth", f"R1={file}"), 1, "a second truth of R1"),
         (("--truth", f"X={file}"), 1, "give each file as NAME=PATH"),
