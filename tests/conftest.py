@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +28,14 @@ def loop(n, index):
     x = 3.0 * np.cos(s) + 0.8 * np.sin(2.0 * s) + 2.0 * index
     y = 2.0 * np.sin(s) + 0.9 * np.cos(3.0 * s) - index
     return np.column_stack([x, y, np.arctan2(np.gradient(y), np.gradient(x))])
+
+
+@pytest.fixture(scope="module")
+def interpreted() -> Iterator[None]:
+    """Run kernels as Python: small ones by themselves, without compiling each."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NUMBA_DISABLE_JIT", "1")
+        yield
 
 
 @pytest.fixture

@@ -141,7 +141,7 @@ def _calibrated_odometry(
 
 
 def _calibrated_ranges(ranges: Ranges, team: Team, calibration: RangeCalibration) -> Ranges:
-    """`range` = gain * raw + offset, pair by pair; `sigma` stays what the message told."""
+    """`range` = gain * raw + offset, pair by pair; `sigma` stays what the message states."""
     # Gain and offset by source and target; NaN for pairs that are left alone.
     affine: Floats = np.full((len(team.robots), len(team.robots), 2), np.nan)
     if calibration.gain is not None or calibration.offset is not None:

@@ -6,11 +6,11 @@ imports only typer; it imports what it needs when it runs.
 
 from __future__ import annotations
 
-import errno
 import functools
 import sys
 import warnings
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -18,9 +18,10 @@ import typer
 from clt import __version__
 from clt.cli.console import EXIT_FAILED, EXIT_INTERRUPTED
 from clt.cli.environment import check_environment
+from clt.cli.failures import report_failure, report_os_error
 from clt.cli.lazy import CommandEntry, lazy_group
 from clt.cli.stdio import prepare_stdio
-from clt.core.errors import CltError
+from clt.core.errors import CltError, UsageError
 from clt.core.printable import printable
 
 COMMANDS = {
@@ -59,6 +60,10 @@ COMMANDS = {
         "clt.cli.commands.range_log:range_log",
         "Turn the packets of a UWB broadcast network into ranges, as each robot would.",
     ),
+    "emit": CommandEntry(
+        "clt.cli.commands.emit:emit",
+        "Play a log out as the bytes of a device, to be recorded without hardware.",
+    ),
     "streams": CommandEntry(
         "clt.cli.commands.streams:streams",
         "Write a first streams.toml for a foreign log, guessed from its topics and types.",
@@ -74,14 +79,15 @@ COMMANDS = {
         "clt.cli.commands.compile:compile_all",
         "Compile all filters at once, so that no later run has to.",
     ),
+    "record": CommandEntry(
+        "clt.cli.commands.record:record",
+        "Record device streams into a log; Ctrl-C ends it.",
+    ),
     "recover": CommandEntry(
         "clt.cli.commands.recover:recover",
         "Copy everything sound of a damaged log into a sound one, and say what was lost.",
     ),
 }
-
-WRITING = (errno.EBADF, errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Errors of a stream that takes nothing."""
 
 
 def guard(command: Callable[..., int]) -> Callable[..., None]:
@@ -94,11 +100,14 @@ def guard(command: Callable[..., int]) -> Callable[..., None]:
             code = command(*args, **kwargs)
             sys.stdout.flush()
         except CltError as error:
-            code = failed(str(error), error.code, kwargs)
+            code = report_failure(
+                failure_text(error, kwargs), error.code, as_json=wants_json(kwargs)
+            )
         except MemoryError:
-            code = failed(f"{input_names(kwargs)}: memory ran out", EXIT_FAILED, kwargs)
+            text = f"{input_names(kwargs)}: memory ran out"
+            code = report_failure(text, EXIT_FAILED, as_json=wants_json(kwargs))
         except OSError as error:
-            code = print_os_error(error)
+            code = report_os_error(error, as_json=wants_json(kwargs))
         except KeyboardInterrupt:
             print("clt: interrupted", file=sys.stderr)
             code = EXIT_INTERRUPTED
@@ -114,39 +123,23 @@ def input_names(arguments: Mapping[str, object]) -> str:
     return printable(", ".join(str(one) for one in flat if one is not None) or "clt")
 
 
-def failed(text: str, code: int, arguments: Mapping[str, object]) -> int:
-    """Say on standard error what went wrong; with --json as an object on standard output, too.
-
-    Not where standard output is what the result itself was to go to.
-    """
-    print(f"clt: error: {printable(text)}", file=sys.stderr)
-    if arguments.get("as_json") is True and str(arguments.get("output")) != "-":
-        import json
-
-        try:
-            print(json.dumps({"error": text, "exit_code": code}), flush=True)
-        except OSError as error:
-            print_os_error(error)
-    return code
+def failure_text(error: CltError, arguments: Mapping[str, object]) -> str:
+    """What an error says, behind the name of the log that was read if it names no file itself."""
+    text = str(error)
+    given = [item if isinstance(item, list) else [item] for item in arguments.values()]
+    files = [str(one) for item in given for one in item if isinstance(one, Path)]
+    logs = arguments.get("logs") or [arguments.get("log")]
+    log = logs[0] if isinstance(logs, list) and len(logs) == 1 else None
+    if isinstance(error, UsageError) or not isinstance(log, Path):
+        return text
+    name = "standard input" if str(log) == "-" else str(log)
+    named = any(file in text for file in (*files, name) if file != "-")
+    return text if named else f"{name}: {text}"
 
 
-def print_os_error(error: OSError) -> int:
-    """Say what could not be read or written; a reader of our output that left needs no word.
-
-    Files that are written are named where that fails: what is not named is standard output.
-    """
-    if not isinstance(error, BrokenPipeError):
-        unnamed = "standard output" if error.errno in WRITING else None
-        place = unnamed if error.filename is None else error.filename
-        where = "" if place is None else f"{place}: "
-        print(f"clt: error: {printable(f'{where}{error.strerror or error}')}", file=sys.stderr)
-    try:
-        sys.stdout.flush()
-    except OSError:
-        from clt.log.output import silence_stdout
-
-        silence_stdout()
-    return EXIT_FAILED
+def wants_json(arguments: Mapping[str, object]) -> bool:
+    """Whether a failure is an object on standard output: not where a result was to go there."""
+    return arguments.get("as_json") is True and str(arguments.get("output")) != "-"
 
 
 def print_version(wanted: bool) -> None:
@@ -182,7 +175,7 @@ def run_program() -> None:
     try:
         app()
     except OSError as error:  # of `clt --help` on a full disk
-        sys.exit(print_os_error(error))
+        sys.exit(report_os_error(error, as_json=False))
 
 
 def main() -> None:

@@ -109,6 +109,10 @@ def require_data(recording: Recording, log: str, *, standing: bool = False) -> N
 
     if len(recording.odometry) == 0 and len(recording.run.get("input_run", "")) > 0:
         raise CltError(f"{log} is already a result, without odometry and ranges; give its input")
+    if len(recording.odometry) == 0 and not standing and len(recording.run) > 0:
+        still = len(recording.team.moving) == 0
+        remedy = "; `clt init` finds where robots stand that never move" if still else ""
+        raise CltError(f"{log}: none of its robots has odometry, which localizing needs{remedy}")
     if len(recording.odometry) == 0 and not standing:
         raise CltError(
             f"{log}: no odometry found on /ROBOT/odom; name its topics with --streams FILE, "

@@ -2,11 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+import os
+import signal
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from importlib import import_module
+from time import perf_counter
+from typing import Any
 
 from clt.cli.console import Console
+from clt.jit.kept import is_kept
 from clt.jit.watching import Step, watched
+
+KERNELS = {
+    "eskf": "kalman.eskf.eskf_kernel",
+    "ekf": "kalman.eskf.eskf_kernel",
+    "ukf": "kalman.ukf.ukf_kernel",
+    "mixture": "mixture.mixture.mixture_kernel",
+    "dpf": "mixture.mixture.mixture_kernel",
+    "pf": "particle.gaussian_particles.gaussian_particles_kernel",
+}
+"""What takes longest to compile of each filter."""
 
 
 @contextmanager
@@ -30,6 +47,43 @@ def announce_compilation(console: Console) -> Iterator[None]:
         finally:
             console.progress("")
             console.compile_s += watch.seconds
+
+
+@contextmanager
+def compiled_meanwhile(
+    filter_: str, work: Callable[[], object], console: Console
+) -> Iterator[None]:
+    """Run `work` in a copy of this process if it compiles a filter that no process kept yet.
+
+    That leaves its machine code and uses a second processor. This process waits for it in the end.
+    """
+    module, _, name = KERNELS[filter_].rpartition(".")
+    kernel: Any = getattr(import_module(f"clt.filters.{module}"), name)
+    fork = getattr(os, "fork", None)
+    if fork is None or (os.cpu_count() or 1) < 2 or is_kept(kernel):
+        yield
+        return
+    with warnings.catch_warnings():
+        # Python warns of threads that do not live on; the copy needs none of them.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        child = fork()
+    if child == 0:
+        # Whatever goes wrong here goes wrong in the other process, too, which says so.
+        with suppress(BaseException):
+            os.nice(1)
+            work()
+        os._exit(0)
+    try:
+        yield
+    except BaseException:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        raise
+    began = perf_counter()
+    console.progress(f"  {name}: a second process compiles it")
+    os.waitpid(child, 0)
+    console.progress("")
+    console.compile_s += perf_counter() - began
 
 
 def begun(kept: bool) -> str:

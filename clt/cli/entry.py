@@ -70,7 +70,13 @@ def handle_signals(handler: Callable[[int, FrameType | None], None] | signal.Han
 
 
 def exit_on_signal(number: int, _frame: FrameType | None) -> None:
-    """End the program at once: no unfinished file stays, one line is said."""
+    """End the program at once: no unfinished file stays, one line is said.
+
+    A command that ends in order when it is asked to (`clt.cli.stopping`) is asked instead.
+    """
+    ask = getattr(sys.modules.get("clt.cli.stopping"), "ask", None)
+    if ask is not None and ask(number):
+        return
     # Not imported here: the import may have been interrupted just now.
     for module, name in CLEARED_UP:
         clear = getattr(sys.modules.get(module), name, None)

@@ -92,13 +92,17 @@ def print_notes(found: Initialization, console: Console) -> None:
 
 
 def complete_start(
-    recording: Recording, start: Start, settings: FilterSettings, console: Console
+    recording: Recording, start: Start, file: str, settings: FilterSettings, console: Console
 ) -> Start:
-    """A start in the world with the robots that a file of poses leaves out, placed by ranges.
+    """A start in the world with the robots that a `file` of poses leaves out, placed by ranges.
 
-    Says which cannot be placed, and why.
+    Says which cannot be placed, why, and how to take the ground truth of those that have it.
     """
-    from clt.initialization.given.known import complete_given_start, robots_without_pose
+    from clt.initialization.given.known import (
+        complete_given_start,
+        robots_with_unused_truth,
+        robots_without_pose,
+    )
 
     left = robots_without_pose(recording, start)
     if len(left) == 0 or recording.ranges.stamp.size == 0:
@@ -107,13 +111,19 @@ def complete_start(
         with announce_compilation(console):
             found = complete_given_start(recording, start, settings)
     except CltError as error:
-        reason = {"error": str(error)}
+        reason = {"file": file, "error": str(error)}
         console.report([Diagnostic("file_incomplete", ", ".join(left), "partial", reason)])
-        return start
-    console.say(f"initial poses of {', '.join(left)}: not in the file; from ranges between pairs")
-    print_notes(found, console)
-    warn_uncertain_robots(found, console)
-    return found.start
+    else:
+        names = ", ".join(left)
+        console.say(f"initial poses of {names}: not in {file}; from ranges between pairs")
+        print_notes(found, console)
+        warn_uncertain_robots(found, console)
+        start = found.start
+    known = robots_with_unused_truth(recording, start)
+    if len(known) > 0:
+        where = {"file": file}
+        console.report([Diagnostic("truth_beside_file", ", ".join(known), "warning", where)])
+    return start
 
 
 def find_start(
@@ -134,7 +144,9 @@ def find_start(
     """
     if isinstance(init, Document):
         start = from_poses(recording, read_toml(init), str(init), settings.initial.sigma, ego)
-        return start if ego is not None else complete_start(recording, start, settings, console)
+        if ego is not None:
+            return start
+        return complete_start(recording, start, str(init), settings, console)
     used, found = find_initial_poses(recording, init, settings, console, ego, kept=kept)
     return start_if_any_moves(found, recording, used, relative=ego is not None)
 

@@ -70,13 +70,15 @@ def lazy_group(
             try:
                 code = run(**extra)
             except TyperException as error:
+                from clt.cli.failures import json_in_words, report_failure
                 from clt.cli.usage import usage_line
 
                 code = EXIT_USAGE
                 if type(error).__name__ == "NoArgsIsHelpError":
                     print(error.format_message(), file=sys.stderr)
                 else:
-                    print(f"clt: error: {usage_line(error, self.called)}", file=sys.stderr)
+                    as_json = json_in_words(sys.argv[1:] if args is None else args)
+                    report_failure(usage_line(error, self.called), code, as_json=as_json)
             sys.exit(code)
 
         def load(self, name: str | None) -> Any:

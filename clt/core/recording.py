@@ -66,24 +66,27 @@ class Team:
 
     robots: tuple[Robot, ...]
     range_sigma: float = float("nan")
-    """Noise of one calibrated range where its message does not tell, m."""
+    """Noise of one calibrated range where its message does not state it, m."""
     range_correlation: float = 0.0
     """Correlation time of the error of one pair's ranges, s; 0: independent."""
     communication: Communication | None = None
-    """How the robots talk to each other, where the log tells."""
+    """How the robots communicate, where the log says so."""
     frame: str = WORLD_FRAME
     """Id of the frame in which known positions are given."""
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Of all robots, in their order."""
         return tuple(robot.name for robot in self.robots)
 
     @property
     def moving(self) -> tuple[Robot, ...]:
+        """Robots that may move."""
         return tuple(robot for robot in self.robots if not robot.static)
 
     @property
     def static(self) -> tuple[Robot, ...]:
+        """Robots that stand for good."""
         return tuple(robot for robot in self.robots if robot.static)
 
     def index(self, name: str) -> int:
@@ -100,7 +103,7 @@ class Odometry:
     v: Floats
     omega: Floats
     sigma_v: Floats
-    """Noise of each sample as its message tells it, m/s; NaN unknown."""
+    """Noise of each sample as its message states it, m/s; NaN unknown."""
     sigma_omega: Floats
     """The same for omega, rad/s."""
 
@@ -119,7 +122,7 @@ class Ranges:
     raw: Floats
     """As the radio gave it, m."""
     sigma: Floats
-    """Standard deviation of `range` as its message tells it, m; NaN unknown."""
+    """Standard deviation of `range` as its message states it, m; NaN unknown."""
     sequence: Indices
 
 
@@ -242,7 +245,7 @@ class Recording:
 
     @property
     def idle(self) -> tuple[str, ...]:
-        """Static robots that no range touches and that have no odometry: nothing tells of them."""
+        """Static robots without odometry that no range touches: nothing is known of them."""
         touched = np.zeros(len(self.team.robots), np.bool_)
         touched[self.ranges.source] = touched[self.ranges.target] = True
         return tuple(

@@ -164,7 +164,7 @@ def _locate_fault(
     """The innermost table on pydantic's path of a fault, and the user's keys along it.
 
     The keys of a mapping are the user's own. What pydantic adds to name the member of a union is
-    followed, not told; an unknown key is left out.
+    followed, not reported; an unknown key is left out.
     """
     keys: list[str] = []
     kinds: list[type[BaseModel]] = []

@@ -65,7 +65,7 @@ def odometry_start(recording: Recording, name: str) -> int:
 
 
 def known_static_pose(robot: Robot) -> InitialPose | None:
-    """The pose of a static robot whose position the log tells, without uncertainty."""
+    """The pose of a static robot whose position the log states, without uncertainty."""
     if robot.position is None:
         return None
     return InitialPose(np.array([*robot.position, 0.0]), np.zeros((3, 3)))

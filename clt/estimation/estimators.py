@@ -61,7 +61,7 @@ FILTERS_WITHOUT_SEARCH: dict[str, Filter] = {
 }
 """Filters of one Gaussian, without their search for lost robots."""
 MULTI_HYPOTHESIS_FILTERS = frozenset({"mixture", "pf", "dpf"})
-"""Filters that follow every hypothesis of a start, and tell which of them was true."""
+"""Filters that follow every hypothesis of a start, and find which of them was true."""
 
 
 @dataclass(frozen=True)
@@ -99,14 +99,17 @@ def localize_recording(
 def overconfident(
     problem: Problem, solution: Solution, settings: FilterSettings, estimator: Estimator
 ) -> tuple[Diagnostic, ...]:
-    """One where a start was too uncertain for a filter of one Gaussian."""
+    """One where a start, or an estimate since, was too uncertain for a filter of one Gaussian."""
     if estimator.filter not in FILTERS_WITHOUT_SEARCH:
         return ()
-    names = too_sure(problem, solution, settings)
-    if len(names) == 0:
+    found = too_sure(problem, solution, settings)
+    if len(found.robots) == 0:
         return ()
-    values = {"filter": estimator.filter}
-    return (Diagnostic("start_too_uncertain", ", ".join(names), "partial", values),)
+    names, values = ", ".join(found.robots), {"filter": estimator.filter}
+    if found.since == problem.start:
+        return (Diagnostic("start_too_uncertain", names, "partial", values),)
+    later = {**values, "since_s": (found.since - problem.start) * 1e-9}
+    return (Diagnostic("estimate_too_uncertain", names, "partial", later),)
 
 
 def make_posterior(

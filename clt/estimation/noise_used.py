@@ -14,7 +14,7 @@ from clt.model.noise import (
     odometry_sigmas,
     range_correlation_time,
 )
-from clt.model.settings import NoiseSettings
+from clt.model.settings import MAX_SETTING, NoiseSettings
 
 ValueOrSpan = float | list[float]
 """One value, or the smallest and the largest."""
@@ -38,7 +38,8 @@ def noise_used(
             }
     size = len(team.robots)
     sigma = first_known(noise.sigma_range, ranges.sigma, team.range_sigma, size=ranges.range.size)
-    sigma = np.maximum(np.where(np.isnan(sigma), DEFAULT_SIGMA_RANGE, sigma), MIN_SIGMA_RANGE)
+    sigma = np.where(np.isnan(sigma), DEFAULT_SIGMA_RANGE, sigma)
+    sigma = np.clip(sigma, MIN_SIGMA_RANGE, MAX_SETTING)
     low = np.minimum(ranges.source, ranges.target)
     pair = low * size + np.maximum(ranges.source, ranges.target)
     pairs = {}

@@ -12,21 +12,22 @@ from clt.core.recording import Floats
 from clt.log.recording.cleaning import MAX_MEASUREMENT
 
 
-def read_mat_file(path: Path) -> dict[str, Any]:
+def read_mat_file(path: Path, expected: str) -> dict[str, Any]:
     """The variables of a MATLAB 5 file by name, squeezed.
 
     Raises:
-        LogError: for a file that cannot be read.
+        LogError: for a file that cannot be read; `expected` is the name of the right one.
     """
     from scipy.io import loadmat  # noqa: PLC0415 - slow to import, and only wanted here
 
     try:
         content: dict[str, Any] = loadmat(str(path), appendmat=False, squeeze_me=True)
+    except FileNotFoundError as error:
+        raise LogError(f"{path}: {error.strerror}; give the folder that holds {expected}") from None
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from None
-    except Exception as error:  # noqa: BLE001 - scipy lets through whatever a broken file provokes
-        said = " ".join(str(error).split()) or type(error).__name__
-        raise LogError(f"{path}: not a MATLAB 5 file: {said}") from None
+    except Exception:  # noqa: BLE001 - scipy lets through whatever a broken file provokes
+        raise LogError(f"{path}: not a MATLAB 5 file, or a damaged one; {expected} is") from None
     return content
 
 

@@ -65,7 +65,7 @@ def read_plaza(path: Path) -> Recording:
         LogError: naming the file, the variable and the row that is missing or wrong.
     """
     (mat,) = plaza_files(path)
-    content = read_mat_file(mat)
+    content = read_mat_file(mat, PLAZA_FILES)
     truth, steps = mat_table(content, "GT", 4, mat), mat_table(content, "DR", 3, mat)
     measured, beacons = mat_table(content, "TD", 4, mat), mat_table(content, "TL", 3, mat)
     faults, notes = Faults(str(mat)), list[str]()

@@ -94,7 +94,7 @@ def _anchors(team: Team, truth: Mapping[str, Poses]) -> dict[str, Poses]:
 
 def _read_mat(path: Path) -> tuple[list[Any], list[Any]]:
     """The entries of `range_m` and of `robot`."""
-    content = read_mat_file(path)
+    content = read_mat_file(path, MAT_FILE)
     return _structs(content, "range_m", path), _structs(content, "robot", path)
 
 

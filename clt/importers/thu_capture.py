@@ -87,6 +87,8 @@ def _content(path: Path) -> bytes:
         return gzip.decompress(data) if data.startswith(GZIP_MAGIC) else data
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise LogError(f"{path}: a damaged gzip file: {error}") from None
+    except IsADirectoryError:
+        raise LogError(f"{path}: is a folder; give the capture in it") from None
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from None
 

@@ -41,13 +41,13 @@ class RobotStatus:
     """Why it is not certain; without subject."""
     alternatives: tuple[Alternative, ...] = ()
     open: bool = False
-    """All that is possible is among the hypotheses of the team: a filter that keeps them may tell
+    """All that is possible is among the hypotheses of the team: a filter that keeps them may find
     which of it is true."""
 
 
 @dataclass(frozen=True)
 class Initialization:
-    """Where the team starts, and what could not be told."""
+    """Where the team starts, and what could not be determined."""
 
     stamp: int
     """ns; every pose holds at this time."""
@@ -62,7 +62,7 @@ class Initialization:
     """Id of the frame that the poses stand in."""
     hypotheses: tuple[Hypothesis, ...] = ()
     """Joint poses of the team that remain possible, the most probable first; empty where the
-    method tells of each robot alone."""
+    method finds for each robot alone."""
     assumed: tuple[Diagnostic, ...] = ()
     """What the start takes for granted."""
     given: frozenset[str] = frozenset()
@@ -110,7 +110,7 @@ def inflate_covariance(covariance: Floats, factor: float) -> Floats:
 
 
 def unobservable_status(why: Diagnostic | None) -> RobotStatus:
-    """A robot of which nothing can be told."""
+    """A robot of which nothing is known."""
     return RobotStatus("unobservable", None, why=why)
 
 

@@ -173,6 +173,13 @@ def linked(kernel: Any, kinds: str, arguments: tuple[Any, ...]) -> Linked | None
     return _link(code)
 
 
+def is_kept(kernel: Any) -> bool:
+    """Whether some process kept machine code of a kernel, for whatever arguments."""
+    function = kernel.function
+    folders = _folders(Path(function.__code__.co_filename))
+    return any(any(folder.glob(f"{function.__name__}-*.o")) for folder in folders)
+
+
 @cache
 def _machine() -> str:
     """Versions and processor: machine code of others is never found."""

@@ -2,7 +2,7 @@
 
 The mirror image of a team has the same ranges as the team itself, so a mirrored estimate is the
 mistake to expect. Alignments here turn and shift, never reflect (det = +1); `fits_better_mirrored`
-tells when a reflection would have fitted clearly better.
+says when a reflection would have fitted clearly better.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ MIN_SPREAD_M = 1e-6
 MAX_MIRROR_RESIDUAL_SHARE = 0.5
 """A mirror image fits clearly better when it leaves less than this share of the residual."""
 MIN_ASIDE_SHARE = 0.25
-"""A mirror image is told from an error by lying at least this share of the distance away."""
+"""A mirror image differs from an error by lying at least this share of the distance away."""
 MIRROR_Y = np.array([1.0, -1.0])
 
 

@@ -33,6 +33,7 @@ class MatchedPoses:
 
     @property
     def share(self) -> float:
+        """Share of truth poses that found an estimate."""
         return self.paired / self.total if self.total > 0 else 0.0
 
     @property

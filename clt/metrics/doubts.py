@@ -1,4 +1,4 @@
-"""What an evaluation could not tell, and what its reader should know."""
+"""What an evaluation could not decide, and what its reader should know."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class Anees:
 
 @dataclass(frozen=True)
 class Score:
-    """How good one trajectory is, or several pooled. None: cannot be told."""
+    """How good one trajectory is, or several pooled. None: not known."""
 
     ape: ErrorStatistics
     """m; in a body frame the error of the relative position."""

@@ -77,6 +77,7 @@ def linearize_blocks(
             F[i, 0], F[i, 1] = math.cos(omega * dt), math.sin(omega * dt)
 
 
+# More than eight arguments: the numbers of one step, all of them scalars.
 @compiled_noalloc
 def propagate_rows(
     P: Floats,
@@ -108,6 +109,7 @@ def propagate_rows(
                 P[r, c] += u * G[r, 0] * P[s, c] + G[r, 1] * more
 
 
+# More than eight arguments: the numbers of one step, all of them scalars.
 @compiled_noalloc
 def propagate_columns(
     P: Floats, F: Floats, G: Floats, space: StateSpace, k: int, r: int, s: int, u: float,
@@ -128,6 +130,7 @@ def propagate_columns(
             P[r, c] += u * G[c, 0] * P[r, s] + G[c, 1] * more
 
 
+# More than eight arguments: state and scratch of filters that keep them differently.
 @compiled_noalloc
 def propagate_blocks(
     x: Floats, P: Floats, F: Floats, G: Floats, shift: Floats, space: StateSpace, d: int,

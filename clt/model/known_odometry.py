@@ -23,7 +23,7 @@ from clt.model.settings import NoiseSettings
 from clt.model.twist_segments import TwistSegments, interval_twist
 
 STATISTICS_WINDOW_NS = 5_000_000_000
-"""Odometry of the last so many ns tells how that of a robot comes and varies ..."""
+"""Odometry of the last so many ns shows how that of a robot comes and varies ..."""
 MAX_SAMPLES_PER_UPDATE = 100
 """... reckoned anew after so many samples, at first after each."""
 LAG_PERIODS = np.unique(np.rint(2.0 ** (0.5 * np.arange(60))).astype(np.int64))
@@ -114,7 +114,7 @@ def odometry_statistics(
 
 
 def earliest_changed_time(own: OdometryInput, before: int, now: int, start: int) -> int:
-    """From when on the odometry that arrived after `before`, by `now`, tells another twist, ns.
+    """From when on the odometry that arrived after `before`, by `now`, has another twist, ns.
 
     That is the stamp of the sample before the first new one; `now` where none came.
     """

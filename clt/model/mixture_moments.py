@@ -1,6 +1,6 @@
 """What a set of weighted Gaussians or particles says of one block: moments, and how sure it is.
 
-The leading mode is what cannot be told from the heaviest Gaussian; its probability tells whether
+The leading mode is what is alike to the heaviest Gaussian; its probability decides whether
 the answer is unique.
 """
 
@@ -182,6 +182,7 @@ def particle_mode_probability(
     )
 
 
+# More than eight arguments: beliefs of filters that keep them differently.
 @compiled_noalloc
 def fitted(
     log_weight: Floats, x: Floats, P: Floats, count: int, o: int, C: Floats, centre: Floats,
@@ -197,6 +198,7 @@ def fitted(
     return min(total, 1.0)
 
 
+# More than eight arguments: beliefs of filters that keep them differently.
 @compiled_noalloc
 def refit_mode(
     log_weight: Floats, x: Floats, P: Floats, count: int, o: int, C: Floats, centre: Floats,

@@ -51,8 +51,8 @@ class OdometryNoise(NamedTuple):
 def estimate_odometry_noise(
     odometry: Odometry, robot: Robot, noise: NoiseSettings
 ) -> OdometryNoise:
-    """What the user or the log tells of the noise, else what the samples' second differences do."""
-    told = (
+    """The noise as set or as the log states it, else what the samples' second differences do."""
+    stated = (
         first_known(noise.sigma_v, odometry.sigma_v, robot.sigma_v, size=odometry.v.size),
         first_known(
             noise.sigma_omega, odometry.sigma_omega, robot.sigma_omega, size=odometry.v.size
@@ -62,7 +62,7 @@ def estimate_odometry_noise(
         float(np.nanmedian(values))
         if not np.isnan(values).all()
         else second_difference_sigma(column)
-        for values, column in zip(told, (odometry.v, odometry.omega), strict=True)
+        for values, column in zip(stated, (odometry.v, odometry.omega), strict=True)
     ]
     return OdometryNoise(max(sigma[0], MIN_ODOMETRY_SIGMA), max(sigma[1], MIN_ODOMETRY_SIGMA))
 

@@ -42,3 +42,5 @@ def set_inverse(x: Floats, P: Floats) -> None:
     for r in range(3, 6):
         a, b, t = P[r, 0], P[r, 1], P[r, 2]
         P[r, 3], P[r, 4], P[r, 5] = -c * a - s * b + x[4] * t, s * a - c * b - x[3] * t, -t
+        for k in range(3, r):
+            P[r, k] = P[k, r]

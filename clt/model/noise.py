@@ -11,7 +11,8 @@ from clt.model.settings import MAX_SETTING, NoiseSettings
 DEFAULT_SIGMA_V, DEFAULT_SIGMA_OMEGA, DEFAULT_SIGMA_RANGE = 0.1, 0.1, 0.1
 """Assumed, with a diagnostic, where neither the log nor a setting gives one. m/s, rad/s, m."""
 MIN_SIGMA_V, MIN_SIGMA_OMEGA, MIN_SIGMA_RANGE = 1e-5, 1e-5, 1e-4
-"""No sensor is believed beyond this, not even one that claims to be perfect."""
+"""No sensor is believed beyond this, not even one that claims to be perfect; none is worse than
+MAX_SETTING, whose square still leaves digits."""
 
 
 def first_known(*choices: Floats | float | None, size: int) -> Floats:
@@ -36,7 +37,8 @@ def odometry_sigmas(
         notes = (Diagnostic("odometry_noise_assumed", robot.name, values=assumed),)
         sigma_v = np.where(np.isnan(sigma_v), DEFAULT_SIGMA_V, sigma_v)
         sigma_w = np.where(np.isnan(sigma_w), DEFAULT_SIGMA_OMEGA, sigma_w)
-    return np.maximum(sigma_v, MIN_SIGMA_V), np.maximum(sigma_w, MIN_SIGMA_OMEGA), notes
+    sigma_v = np.clip(sigma_v, MIN_SIGMA_V, MAX_SETTING)
+    return sigma_v, np.clip(sigma_w, MIN_SIGMA_OMEGA, MAX_SETTING), notes
 
 
 def twist_variance(

@@ -259,7 +259,7 @@ def range_measurements(
     """The ranges of a view, what had to be assumed, and the robots that it has a place for.
 
     In a body frame the antenna of the robot it belongs to is a fixed point. Of mutual transforms
-    each range tells that which stands in the frame of the robot that measured it.
+    each range informs that which stands in the frame of the robot that measured it.
     """
     team = recording.team
     index = {name: k for k, name in enumerate(team.names)}
@@ -285,7 +285,7 @@ def range_measurements(
 
 
 def ranges_by_measurer(table: RangeTable, recording: Recording, a: int, b: int) -> RangeTable:
-    """Ranges of the pair (a, b) of team indices: those measured by b tell block 1, in b's frame."""
+    """Ranges of the pair (a, b) of team indices: those by b inform block 1, in b's frame."""
     theirs = recording.ranges.source[table.row] == b
     own = np.asarray(recording.team.robots[b].antenna, np.float64)
     return table._replace(
@@ -305,7 +305,7 @@ def output_times(cast: StateLayout, stamps: Mapping[str, Stamps], start: int) ->
     """Each block at the start and at its robot's odometry stamps; standing ones with the first's.
 
     Steps longer than MAX_OUTPUT_STEP_NS are divided, so that slow odometry does not hide what the
-    ranges in between tell.
+    ranges in between show.
     """
     default = next(iter(stamps.values()))
     wanted: list[Indices] = []

@@ -48,6 +48,7 @@ def store_gradient(
     H[m, k + 2] = ht if free else 0.0
 
 
+# More than eight arguments: one range and its Jacobian, of filters that keep them differently.
 @compiled_noalloc
 def predict_range(
     x: Floats, lever: Floats, a: int, b: int, px: float, py: float, J: Indices, H: Floats, m: int

@@ -15,7 +15,7 @@ from clt.model.noise import (
     inflated_variances,
     range_correlation_time,
 )
-from clt.model.settings import NoiseSettings
+from clt.model.settings import MAX_SETTING, NoiseSettings
 
 
 class RangeTable(NamedTuple):
@@ -66,7 +66,7 @@ def range_table(
     if np.isnan(sigma).any():
         notes.append(Diagnostic("range_noise_assumed", values={"sigma_m": DEFAULT_SIGMA_RANGE}))
         sigma = np.where(np.isnan(sigma), DEFAULT_SIGMA_RANGE, sigma)
-    variance = np.maximum(sigma, MIN_SIGMA_RANGE) ** 2
+    variance = np.clip(sigma, MIN_SIGMA_RANGE, MAX_SETTING) ** 2
     low = np.minimum(ranges.source[row], ranges.target[row])
     high = np.maximum(ranges.source[row], ranges.target[row])
     fixed = np.where(source[row] < 0, ranges.source[row], ranges.target[row])

@@ -15,7 +15,7 @@ NotNegative = Annotated[float, Field(ge=0, le=MAX_SETTING)]
 
 
 class NoiseSettings(Settings):
-    """What the filter believes of the sensors; None takes what the log tells."""
+    """What the filter believes of the sensors; None takes what the log has."""
 
     sigma_v: Positive | None = None
     """One odometry sample, m/s."""
@@ -38,7 +38,7 @@ class NoiseSettings(Settings):
     bias: NotNegative = 0.0
     """How far off each robot's omega may be throughout, rad/s; beyond 0 it is estimated."""
     correlation_time: NotNegative | None = None
-    """Of the range error of one pair, s; ranges that come faster tell less than they seem to."""
+    """Of the range error of one pair, s; ranges that come faster count for fewer."""
 
     @property
     def lasting(self) -> tuple[float, float, float]:
@@ -47,7 +47,7 @@ class NoiseSettings(Settings):
 
 
 class InitialPoseSettings(Settings):
-    """How well the initial poses are believed where their source does not tell."""
+    """How well the initial poses are believed where their source does not say."""
 
     sigma: tuple[NotNegative, NotNegative, NotNegative] = (0.01, 0.01, 0.01)
     """x, y in m and heading in rad, for `--init truth`."""

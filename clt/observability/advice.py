@@ -50,13 +50,13 @@ def setup_of(
     """The setup that a recording holds: who ranged whom, who moved and turned at all.
 
     Without any static robot of known position the world is what the first two of them span. A
-    robot of which nothing tells how it moved is left out. `idle`: so many static robots that no
+    robot whose motion is not known is left out. `idle`: so many static robots that no
     range touches take part, of known position only; None: all. Raises CltError where
     that is the one in whose frame poses are asked for.
     """
     kind, _, names = frame.partition(":")
     chosen = names.split(",") if kind == "mutual" else list(recording.team.names)
-    told = robots_of_known_position(recording)
+    surveyed = robots_of_known_position(recording)
     nodes: list[SetupRobot] = []
     place: dict[int, int] = {}
     apart = set() if idle is None else set(recording.idle).difference(names.split(","))
@@ -64,7 +64,7 @@ def setup_of(
     for k, robot in enumerate(recording.team.robots):
         if robot.name not in chosen or not (robot.static or has_motion(recording, robot)):
             continue
-        known = robot.static and (robot.name in told or robot.name in placed)
+        known = robot.static and (robot.name in surveyed or robot.name in placed)
         if robot.name in apart:
             if kind != "world" or not known or spare == 0:
                 continue
@@ -106,7 +106,7 @@ def motion_of(recording: Recording, name: str) -> Motion:
 def exceeds_noise(signal: Floats, least: float) -> bool:
     """Whether a slow signal under white noise has a root mean square above `least`.
 
-    The noise is told by the differences of neighbours.
+    The noise is estimated from the differences of neighbours.
     """
     if signal.size < 2:
         return bool(np.any(np.abs(signal) > least))

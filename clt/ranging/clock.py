@@ -46,5 +46,5 @@ def range_by_clock_filters(network: LinkedPackets, R: Floats) -> tuple[MeasuredR
     m = run_clock_filters(network, R, filters, room, rejected)
     row = row[:m].copy()
     rest = (column[:m].copy() for column in (target, instant))
-    told = (column[:m].copy() for column in (value, sigma, offset, skew))
-    return MeasuredRanges(row, row, network.source[row], *rest, *told), rejected
+    columns = (column[:m].copy() for column in (value, sigma, offset, skew))
+    return MeasuredRanges(row, row, network.source[row], *rest, *columns), rejected

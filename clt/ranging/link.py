@@ -6,9 +6,9 @@ from clt.core.recording import Indices, Stamps
 from clt.jit.compiled import compiled_noalloc
 
 REMEMBERED_PACKETS = 256
-"""So many packets of each robot are kept in mind for receptions told later."""
+"""So many packets of each robot are kept for receptions that are reported later."""
 MAX_RECEPTION_AGE_NS = 8_000_000_000
-"""A reception told later than this (ns) is not believed: sequence numbers may have begun anew."""
+"""A reception reported later than this (ns) is not believed: numbers may have restarted."""
 
 
 @compiled_noalloc
@@ -19,12 +19,12 @@ def link_receptions(
     heard: Indices,
     row: Indices,
     known: Indices,
-    told: Indices,
+    latest: Indices,
 ) -> None:
     """Fill `row` (n, robots) with that of the packet with each heard sequence number.
 
-    All of `row`, of the memory `known` (robots, REMEMBERED_PACKETS) and of the latest rows `told`,
-    [receiver, sender], is -1 before.
+    All of `row`, of the memory `known` (robots, REMEMBERED_PACKETS) and of the rows `latest`
+    [receiver, sender] is -1 before.
     """
     n, robots = heard.shape
     for k in range(n):
@@ -34,9 +34,9 @@ def link_receptions(
             if number < 0 or sender == receiver:
                 continue
             found = known[sender, number % REMEMBERED_PACKETS]
-            if found < 0 or sequence[found] != number or found <= told[receiver, sender]:
+            if found < 0 or sequence[found] != number or found <= latest[receiver, sender]:
                 continue
             if stamp[k] - stamp[found] < MAX_RECEPTION_AGE_NS:
                 row[k, sender] = found
-                told[receiver, sender] = found
+                latest[receiver, sender] = found
         known[receiver, sequence[k] % REMEMBERED_PACKETS] = k

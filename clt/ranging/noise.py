@@ -1,4 +1,4 @@
-"""How noisy receive stamps are, as they tell themselves, and how long errors of ranges last."""
+"""How noisy receive stamps are, estimated from themselves, and how long errors of ranges last."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from clt.core.ticks import SECONDS_PER_TICK
 from clt.ranging.unwrap import LinkedPackets
 
 DEFAULT_STAMP_SIGMA_S = 150e-12
-"""Of a receive stamp, s, where packets come too seldom to tell."""
+"""Of a receive stamp, s, where packets come too seldom to estimate it."""
 TICK_VARIANCE = SECONDS_PER_TICK * SECONDS_PER_TICK / 12.0
 """Variance of counting whole ticks, s^2."""
 MIN_LINK_DIFFERENCES = 1000
@@ -19,7 +19,7 @@ MIN_SHARED_DIFFERENCES = 100
 TRIM_SIGMAS, TRIMMED_VARIANCE = 3.5, 0.99389
 """So many sigmas of a normal variable are kept; its variance is then this share."""
 MAX_PACKET_INTERVAL_S = 0.12
-"""Packets further apart (s) tell of motion, not of noise."""
+"""Packets further apart (s) show motion, not noise."""
 
 
 def packet_period(network: LinkedPackets, stamp: Stamps) -> float:
@@ -69,7 +69,7 @@ def _second_differences(network: LinkedPackets, receiver: int, sender: int) -> F
 def _variance(second: Floats) -> float:
     """Of one stamp from second differences, each of which holds six times as much.
 
-    The median tells which to trust, but counts whole ticks; their mean square is finer.
+    The median decides which to trust, but counts whole ticks; their mean square is finer.
     """
     rough = float(np.median(np.abs(second))) / 0.6745
     trusted = second[np.abs(second) <= TRIM_SIGMAS * max(rough, SECONDS_PER_TICK)]
@@ -77,7 +77,7 @@ def _variance(second: Floats) -> float:
 
 
 def equivalent_correlation_time(white: float, variance: float, dt: float) -> float:
-    """Correlation time (s) at which errors of `variance`, dt (s) apart, tell as much as `white`.
+    """Correlation time (s) at which errors of `variance`, dt (s) apart, count as `white`.
 
     That is as much as white errors of that variance: (1 + rho) / (1 - rho) = white / variance with
     rho = exp(-dt / tau).

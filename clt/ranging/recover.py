@@ -113,12 +113,12 @@ def range_packets(
         robot.name: odometry_from_packets(frames, network, times, index)
         for index, robot in enumerate(team.robots)
     }
-    told = {name: stream for name, stream in carried.items() if stream is not None}
+    known = {name: stream for name, stream in carried.items() if stream is not None}
     return RangedRecording(
         replace(
             recording,
             team=replace(team, range_correlation=min(tau, MAX_CORRELATION_TIME_S)),
-            odometry={**told, **recording.odometry},
+            odometry={**known, **recording.odometry},
             ranges=ranges,
             frames=no_uwb_packets(),
         ),
@@ -144,15 +144,15 @@ def _choose(
         double_sided.range_double_sided(head, R, wander)[0],
     )
     one, two = _typical(filters.sigma), _typical(both.sigma)
-    told = (
+    reason = (
         f"at {1.0 / dt:.3g} frames/s clock filters promise {100 * one:.2g} cm, "
         f"double-sided ranging {100 * two:.2g} cm"
     )
     if one < MAX_CLOCK_SIGMA_SHARE * two:
-        return "clock", *clock.range_by_clock_filters(network, R), told
+        return "clock", *clock.range_by_clock_filters(network, R), reason
     if one < two:
-        told += ", whose errors do not correlate in time"
-    return "double-sided", *double_sided.range_double_sided(network, R, wander), told
+        reason += ", whose errors do not correlate in time"
+    return "double-sided", *double_sided.range_double_sided(network, R, wander), reason
 
 
 def _wander(team: Team) -> Floats:

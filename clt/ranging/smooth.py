@@ -1,6 +1,6 @@
 """Shi's weighted smoothing of ranges, to compare with: it lags and hides how errors correlate.
 
-The paper does not tell the weights of its queue; here they fall linearly from the newest range to
+The paper does not give the weights of its queue; here they fall linearly from the newest range to
 the oldest. An estimator that knows the correlation of the ranges does not need this.
 """
 

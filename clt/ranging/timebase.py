@@ -1,6 +1,6 @@
 """The one clock that all stamps of a ranged log share: the listener's, by regression.
 
-A packet tells its sender's time; the listener stamps it with jitter. Over some seconds a device
+A packet carries its sender's time; the listener stamps it with jitter. Over some seconds a device
 runs straight, so the average of many packets knows far better when each was sent.
 """
 
@@ -37,8 +37,8 @@ def departure_times(source: Indices, sent: Indices, stamp: Stamps) -> Stamps:
                 (elapsed[piece] - elapsed[piece[0]]).astype(np.float64),
                 (ahead[piece] - first).astype(np.float64),
             )
-            told = stamp[own[0]] + elapsed[piece] + first
-            times[own[piece]] = told + np.rint(drift).astype(np.int64)
+            estimated = stamp[own[0]] + elapsed[piece] + first
+            times[own[piece]] = estimated + np.rint(drift).astype(np.int64)
     return times
 
 

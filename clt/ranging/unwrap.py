@@ -21,7 +21,7 @@ class LinkedPackets(NamedTuple):
     received: Indices
     """When its sender had received each robot's latest packet, ticks likewise, shape (n, r)."""
     row: Indices
-    """Row of that packet, shape (n, r); -1 where there is none, or none newer than told before.
+    """Row of that packet, shape (n, r); -1 where there is none, or none newer than reported before.
     Only there does `received` mean anything."""
 
 
@@ -34,13 +34,13 @@ def unwrap_packets(frames: UwbPackets) -> LinkedPackets:
     received = unwrap_earlier(frames.transmit[:, None], frames.receive, sent[:, None])
     robots = frames.heard.shape[1]
     row = np.full(frames.heard.shape, -1)
-    known, told = np.full((robots, REMEMBERED_PACKETS), -1), np.full((robots, robots), -1)
-    link_receptions(frames.source, frames.sequence, frames.stamp, frames.heard, row, known, told)
+    known, latest = np.full((robots, REMEMBERED_PACKETS), -1), np.full((robots, robots), -1)
+    link_receptions(frames.source, frames.sequence, frames.stamp, frames.heard, row, known, latest)
     return LinkedPackets(frames.source, sent, received, row)
 
 
 def unwrap_counter(ticks: Indices, stamp: Stamps) -> Indices:
-    """Readings of one counter without its wraps, shape (n,); stamps (ns) tell how many it made.
+    """Readings of one counter without its wraps, shape (n,); stamps (ns) show how many it made.
 
     Right as long as stamps and counter agree to half a turn, 8.6 s, from one row to the next.
     """

@@ -140,7 +140,7 @@ def _device_time(clock: RadioClock, stamps: Stamps) -> Indices:
 def _as_frames(
     scene: SimulationInput,
     sent: list[Departures],
-    told: tuple[Indices, Indices],
+    received: tuple[Indices, Indices],
     carried: tuple[Indices, Floats, Floats],
 ) -> UwbPackets:
     """The packets that reached the recorder, robot after robot in every frame."""
@@ -156,7 +156,7 @@ def _as_frames(
     transmit = wrap_counter(np.stack([one.reading for one in sent], axis=1))
     source = np.broadcast_to(np.arange(count), stamp.shape)
     number = np.broadcast_to(np.arange(frames)[:, None], stamp.shape)
-    receive, sequence = (column.reshape(-1, count)[keep] for column in told)
+    receive, sequence = (column.reshape(-1, count)[keep] for column in received)
     ticks, v, omega = carried
     return UwbPackets(
         LOG_START_NS + stamp.ravel()[keep],

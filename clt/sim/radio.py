@@ -19,7 +19,7 @@ from clt.sim.clock import RadioClock, wrap_counter
 from clt.sim.settings import Radio
 
 MAX_ROBOTS = 17
-"""A packet tells of at most 16 neighbours."""
+"""A packet carries at most 16 neighbours."""
 DEFAULT_SLOT_S = 0.001
 SECOND = 1_000_000_000
 
@@ -85,10 +85,10 @@ def arrival_stamps(sent: Departures, clock: RadioClock, path: Floats, late: Floa
 def reported_receptions(
     stamps: Indices, heard: NDArray[np.bool_], later: NDArray[np.bool_]
 ) -> tuple[Indices, Indices]:
-    """What each robot's packets tell of the others: receive stamps and sequence numbers.
+    """What each robot's packets carry of the others: receive stamps and sequence numbers.
 
     `stamps` and `heard` have the shape (frames, receiver, sender). `later` (receiver, sender):
-    the sender's turn is later in a frame, so a packet tells of the frame before. Returns
+    the sender's turn is later in a frame, so a packet carries the frame before. Returns
     (frames, receiver, sender) each, -1 where nothing was heard since the receiver's own packet.
     """
     shape = stamps.shape

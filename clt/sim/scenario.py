@@ -49,7 +49,7 @@ class Scenario(Settings):
     radio: Radio | None = None
     """Absent: the log holds ranges. Present: raw packets of a UWB network instead."""
     communication: CommunicationTable | None = imperfection(None)
-    """Absent: the log does not tell how the robots talk to each other."""
+    """Absent: the log does not say how the robots communicate."""
 
     @model_validator(mode="after")
     def names_are_unique(self) -> Self:

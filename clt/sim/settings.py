@@ -70,7 +70,7 @@ class TeamTable(Settings):
     """x, y in m of the static robots that have none of their own, in order; more are made up as
     needed."""
     known: bool = True
-    """The log tells the positions of the static robots."""
+    """The log states the positions of the static robots."""
 
     @model_validator(mode="after")
     def area_is_one(self) -> Self:
@@ -112,7 +112,7 @@ class OdometrySensor(Settings):
     bias_sd: NonNegative = imperfection(0.0)
     """Standard deviation of each robot's own bias of omega, rad/s."""
     at_rest: Share = imperfection(1.0)
-    """Share of noise and bias that is left while the wheels stand; the messages tell the noise."""
+    """Share of noise and bias that is left while the wheels stand; the messages state the noise."""
     phase: FirstSample = imperfection("common")
     """The first samples of all robots come after one period, or at random within it."""
     gaps: Gaps = imperfection(Gaps())
@@ -233,7 +233,7 @@ class NetworkTable(Settings):
 class CommunicationTable(Settings):
     """The network among the robots, over which a filter without a centre works.
 
-    It changes no measurement: the log tells of it, and `clt localize --filter dpf` goes by it.
+    It changes no measurement: the log records it, and `clt localize --filter dpf` goes by it.
     """
 
     graph: str = "complete"

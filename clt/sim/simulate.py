@@ -75,7 +75,7 @@ def _without_errors(scenario: Scenario) -> Scenario:
 
 
 def _recording(declared: Scenario, actual: Scenario) -> Recording:
-    """Simulate with the errors of `actual`; the log tells of those of `declared`."""
+    """Simulate with the errors of `actual`; the log states those of `declared`."""
     team = declared_team(declared, team_members(declared))
     chosen = measuring_pairs(actual.sensors.range, team)
     _check_size(actual, team, len(chosen))

@@ -40,13 +40,15 @@ def team_members(scenario: Scenario) -> list[Member]:
 
 
 def declared_team(scenario: Scenario, team: list[Member]) -> Team:
-    """What the log tells about the team; ranges out of raw packets tell their own noise."""
+    """What the log states about the team; ranges out of raw packets state their own noise."""
     sigma = scenario.sensors.range.sigma if scenario.radio is None else nan
-    told = scenario.communication
+    network = scenario.communication
     communication = None
-    if told is not None:
-        reach = inf if told.reach is None else told.reach
-        communication = Communication(told.graph, reach, told.rate, told.loss, told.delay)
+    if network is not None:
+        reach = inf if network.reach is None else network.reach
+        communication = Communication(
+            network.graph, reach, network.rate, network.loss, network.delay
+        )
     return Team(tuple(member.robot for member in team), sigma, communication=communication)
 
 
@@ -72,7 +74,7 @@ def _names(first: int) -> Iterator[str]:
 
 
 def _robot(scenario: Scenario, table: RobotTable, number: int, position: Point) -> Robot:
-    """A robot as the log tells it; a static one has no odometry and so no noise of it."""
+    """A robot as the log states it; a static one has no odometry and so no noise of it."""
     if table.static:
         known = position if scenario.team.known else None
         return Robot(table.name, number, static=True, position=known, antenna=table.antenna)

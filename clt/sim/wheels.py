@@ -42,14 +42,14 @@ def simulate_odometry(scene: SimulationInput, member: Member) -> Odometry:
     omega += share * (member.robot.sigma_omega * noise[:, 1])
     log_time, arrived = deliver_messages(scenario, member, stamps, (int(Purpose.ODOMETRY), *key))
     kept = arrived & ~_in_gap(scenario, stamps, key)
-    told = scene.team.robots[scene.team.index(member.robot.name)]
+    declared = scene.team.robots[scene.team.index(member.robot.name)]
     return Odometry(
         stamp=robot_clock_stamps(scenario, member, stamps)[kept],
         log_time=log_time[kept],
         v=np.round(v, DECIMALS)[kept],
         omega=np.round(omega, DECIMALS)[kept],
-        sigma_v=told.sigma_v * share[kept],
-        sigma_omega=told.sigma_omega * share[kept],
+        sigma_v=declared.sigma_v * share[kept],
+        sigma_omega=declared.sigma_omega * share[kept],
     )
 
 

@@ -7,6 +7,8 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -14,6 +16,8 @@ from typer.testing import CliRunner
 from clt.cli.app import COMMANDS, app
 from clt.cli.lazy import load_command
 from clt.estimation.estimators import FILTERPY_FILTERS, FILTERS
+from clt.log.recording.load import load
+from clt.log.recording.save import save
 from clt.model import choices
 
 FLAGS = ("--output", "-o", "--force", "--json", "--quiet", "-q", "--verbose", "-v", "--help", "-h")
@@ -206,6 +210,12 @@ def test_a_closed_standard_error(result):
         (("evaluate", "none.mcap", "--json"), 1),
         (("settings", "nonsense", "--json"), 2),
         (("localize", "none.mcap", "-o", "out.mcap", "--filter", "none", "--json"), 2),
+        (("localize", "--json"), 2),
+        (("info", "--json", "a", "b"), 2),
+        (("evaluate", "a", "--aling", "x", "--json"), 2),
+        (("simulate", "--seed", "x", "--json"), 2),
+        (("nonsense", "--json"), 2),
+        (("info", ".", "--json"), 1),
     ],
 )
 def test_with_json_an_error_is_an_object_too(clt, words, code):
@@ -216,8 +226,31 @@ def test_with_json_an_error_is_an_object_too(clt, words, code):
     assert done.stderr == f"clt: error: {told['error']}\n"
 
 
+def test_an_error_of_an_algorithm_names_the_log(result, monkeypatch):
+    """`clt observability` has nothing to analyse: the algorithm does not know any file."""
+    monkeypatch.chdir(result)
+    recording = load(Path("r.mcap")).recording
+    with Path("bare.mcap").open("wb") as file:
+        save(file, replace(recording, odometry={}, estimate={}, dead_reckoning={}), {})
+    done = CliRunner().invoke(app, ["observability", "bare.mcap"])
+    assert done.exit_code == 1
+    assert done.stderr.startswith("clt: error: bare.mcap: neither odometry nor an estimate")
+    done = CliRunner().invoke(app, ["observability", "-"], input=Path("bare.mcap").read_bytes())
+    assert done.stderr.startswith("clt: error: standard input: neither odometry")
+    done = CliRunner().invoke(app, ["localize", "bare.mcap", "-o", "x.mcap"])
+    assert done.stderr.count("bare.mcap") == 1
+
+
 def test_no_object_goes_where_the_result_was_to_go(clt):
-    done = clt("localize", "none.mcap", "-o", "-", "--json")
+    for words in (
+        "none.mcap -o -",
+        "none.mcap -o - --foo",
+        "none.mcap -o- --foo",
+        "--output=- a b",
+    ):
+        done = clt("localize", *words.split(), "--json")
+        assert (done.exit_code, done.stdout) == (2, "")
+    done = clt("info", "a", "b", "--", "--json")
     assert (done.exit_code, done.stdout) == (2, "")
 
 

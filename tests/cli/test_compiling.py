@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import sys
+import time
 
 import numba
+import pytest
 
-from clt.cli.compiling import announce_compilation
+from clt.cli.compiling import KERNELS, announce_compilation, compiled_meanwhile
 from clt.cli.console import Console
+from clt.estimation.estimators import FILTERS
 from clt.jit import compiled
 
 
@@ -57,3 +61,46 @@ def test_a_terminal_shows_what_is_compiled_and_then_no_more(capsys, monkeypatch,
     with announce_compilation(Console(quiet=True)):
         assert stem(1) == 4.0
     assert capsys.readouterr().err == ""
+
+
+def run_meanwhile(path, *, fails=False):
+    """Who did the work: the number of a process."""
+
+    def work():
+        path.write_text(str(os.getpid()))
+        if fails:
+            raise ValueError
+
+    with compiled_meanwhile("eskf", work, Console(False, False)):
+        pass
+    return int(path.read_text()) if path.exists() else None
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_another_process_compiles_what_nobody_kept(monkeypatch, tmp_path, fails):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    assert run_meanwhile(tmp_path / "number", fails=fails) not in {None, os.getpid()}
+
+
+def test_no_other_process_where_it_was_kept_or_there_is_one_processor(monkeypatch, tmp_path):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(os, "cpu_count", lambda: 1)
+    assert run_meanwhile(tmp_path / "number") is None
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    (tmp_path / "eskf_kernel-0.o").touch()
+    assert run_meanwhile(tmp_path / "number") is None
+
+
+def test_an_error_ends_the_other_process(monkeypatch, tmp_path):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    began = time.monotonic()
+    with pytest.raises(ValueError, match="sought"):  # noqa: SIM117 - what is raised within
+        with compiled_meanwhile("eskf", lambda: time.sleep(60.0), Console(False, False)):
+            raise ValueError("sought")
+    assert time.monotonic() - began < 30.0
+
+
+def test_every_filter_has_a_kernel():
+    assert set(KERNELS) == set(FILTERS)

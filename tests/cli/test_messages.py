@@ -22,8 +22,8 @@ from clt.initialization.status import Initialization, RobotStatus, unobservable_
 
 PACKAGE = Path(diagnostics.__file__).parents[1]
 ALGORITHMS = (
-    "calibration", "core", "estimation", "filters", "initialization", "jit", "metrics", "model",
-    "observability", "ranging", "sim",
+    "calibration", "core", "devices", "estimation", "filters", "initialization", "jit", "metrics",
+    "model", "observability", "ranging", "sim",
 )  # fmt: skip
 OPTION = re.compile(r"(?<![\w-])--[a-z]")
 PAIR = {
@@ -54,6 +54,14 @@ VALUES = {
     "robot_found": {"times": 1, "in_vain": 2},
     "search_in_vain": {"times": 2},
     "mirrored": {"robots": 1},
+    "left_out": {"counts": {"no_id": 3, "too_old": 1}},
+    "not_reported": {"counts": {"truth": 5}},
+    "nothing_decoded": {"bytes": 2000, "proto": "rcl"},
+    "unknown_ids": {"counts": {"7": 12}},
+    "robots_named": {"names": {"0": "n0"}},
+    "source_damaged": {
+        "lost": 3, "bad_frames": 0, "damaged_bytes": 0, "undecoded_bytes": 0, "reconnects": 1,
+    },
 }  # fmt: skip
 """Of the kinds whose text is a function."""
 
@@ -118,7 +126,7 @@ def test_every_kind_renders_to_one_line(kind):
 
 STRINGS = {
     "anchors", "ego", "error", "filter", "frames", "pair", "pairs", "reference", "robots", "static",
-    "status", "stream", "text", "what",
+    "status", "stream", "text", "what", "why",
 }  # fmt: skip
 
 

@@ -10,7 +10,14 @@ import pytest
 from clt.core.geometry import relative_pose, wrap_angle
 from clt.core.start import InitialPose, Start
 from clt.estimation.estimators import Estimator, localize_recording
-from clt.estimation.start_judge import expected_nees, too_sure, wide
+from clt.estimation.start_judge import (
+    CURVED,
+    beginning,
+    expected_nees,
+    first_wide,
+    too_sure,
+    wide,
+)
 from clt.filters.kalman import gaussian
 from clt.initialization.given.truth import from_truth
 from clt.model.choices import parse_frame_spec
@@ -41,7 +48,7 @@ def pair(seed, sigma):
 
 def doubted(recording, start):
     problem = build_problem(recording, start, DEFAULTS, VIEW)
-    return too_sure(problem, gaussian.solve_eskf_without_search(problem, DEFAULTS), DEFAULTS)
+    return too_sure(problem, gaussian.solve_eskf_without_search(problem, DEFAULTS), DEFAULTS).robots
 
 
 def test_a_start_that_is_known_well_is_not_looked_at(monkeypatch):
@@ -131,3 +138,32 @@ def test_a_static_robot_has_no_heading_in_the_world():
         d = np.stack([poses.x - truth.x[keep], poses.y - truth.y[keep]], axis=1)
         nees = np.einsum("ni,nij,nj->n", d, np.linalg.inv(poses.covariance[:, :2, :2]), d)
         assert nees.mean() / 2 < 4.0, name
+
+
+def test_an_estimate_that_becomes_wide_is_looked_at_from_then_on():
+
+    recording, start = pair(1, (0.02, 0.02))
+    problem = build_problem(recording, start, DEFAULTS, VIEW)
+    solution = gaussian.solve_eskf_without_search(problem, DEFAULTS)
+    assert first_wide(problem, solution) > problem.end
+    o = problem.outputs.stamp.size // 2
+    u = solution.mean[o, :2] - problem.antenna[0]
+    noise = float(np.sqrt(problem.ranges.variance[0]))
+    across = np.array([-u[1], u[0]]) / np.hypot(*u)
+    for bend, found in ((0.9 * CURVED, problem.end + 1), (1.1 * CURVED, None)):
+        wider = solution.covariance.copy()
+        wider[o, :2, :2] = 2.0 * bend * noise * np.hypot(*u) * np.outer(across, across)
+        when = first_wide(problem, replace(solution, covariance=wider))
+        assert when == (problem.outputs.stamp[o] if found is None else found)
+
+
+def test_only_what_comes_after_an_estimate_became_wide_counts():
+    recording, start = pair(1, (0.02, 0.02))
+    problem = build_problem(recording, start, DEFAULTS, VIEW)
+    solution = gaussian.solve_eskf_without_search(problem, DEFAULTS)
+    since = int(problem.outputs.stamp[100])
+    part, seen = beginning(problem, solution, 100, since)
+    assert part.start == problem.start
+    assert part.outputs.stamp[0] == since
+    assert part.outputs.stamp.size == seen.mean.shape[0] == seen.covariance.shape[0]
+    assert part.ranges.stamp[0] == problem.ranges.stamp[0]

@@ -72,3 +72,26 @@ def team_recording(
         np.full(stamps.size, np.nan), np.arange(stamps.size),
     )  # fmt: skip
     return Recording(Team((*anchors, *movers), range_sigma=0.1), odometry, ranges, truth=truth)
+
+
+def standing_pair(seed: int, seconds=20.0, rate=10):
+    """R1 and R2, which stand 2 m to 6 m apart and range; sigma 0.1 m, odometry that says so."""
+    rng = np.random.default_rng(seed)
+    distance, bearing, *heading = rng.uniform((2.0, -np.pi, -np.pi, -np.pi), (6.0, *[np.pi] * 3))
+    place = [(0.0, 0.0), (distance * np.cos(bearing), distance * np.sin(bearing))]
+    stamp = np.arange(int(seconds * rate) + 1) * (1_000_000_000 // rate)
+    still, fine = np.zeros(stamp.size - 1), np.full(stamp.size - 1, 1e-4)
+    odometry, truth = {}, {}
+    for name, (x, y), theta in zip(("R1", "R2"), place, heading, strict=True):
+        odometry[name] = Odometry(stamp[1:], stamp[1:], still, still, fine, fine)
+        ones = np.ones(stamp.size)
+        truth[name] = Poses("world", stamp, stamp, x * ones, y * ones, theta * ones)
+    measured = distance + 0.1 * rng.standard_normal(still.size)
+    source = rng.integers(0, 2, still.size)
+    ranges = Ranges(
+        stamp[1:], stamp[1:], source, 1 - source, measured, measured,
+        np.full(still.size, np.nan), np.arange(still.size),
+    )  # fmt: skip
+    return Recording(
+        Team((Robot("R1", 1), Robot("R2", 2)), range_sigma=0.1), odometry, ranges, truth=truth
+    )

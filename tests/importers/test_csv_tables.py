@@ -19,7 +19,7 @@ STATIC = "robot,x,y,id\nA,0.5,-0.5,7\nB,,,\n"
 def folder(tmp_path):
     (tmp_path / "ranges.csv").write_text(RANGES)
     (tmp_path / "R1.odometry.csv").write_text(ODOMETRY)
-    (tmp_path / "truth.csv.gz").write_bytes(gzip.compress(TRUTH.encode()))
+    (tmp_path / "truth.csv.gz").write_bytes(gzip.compress(TRUTH.encode(), mtime=0))
     (tmp_path / "static.csv").write_text(STATIC)
     return tmp_path
 

@@ -41,7 +41,7 @@ def lines(new=False, backwards=False):
 
 def write(path, *groups):
     data = "\n".join([line for group in groups for line in group] + [""]).encode()
-    path.write_bytes(gzip.compress(data) if path.suffix == ".gz" else data)
+    path.write_bytes(gzip.compress(data, mtime=0) if path.suffix == ".gz" else data)
 
 
 @pytest.fixture

@@ -37,7 +37,7 @@ def folder(tmp_path):
 
 def write(path, lines):
     data = (HEAD + "\n".join(lines) + "\n").encode()
-    path.write_bytes(gzip.compress(data) if path.suffix == ".gz" else data)
+    path.write_bytes(gzip.compress(data, mtime=0) if path.suffix == ".gz" else data)
 
 
 def test_team_and_streams(folder):

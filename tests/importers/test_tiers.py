@@ -91,7 +91,7 @@ def test_folder_file_and_packed_file_are_one(tmp_path):
     path = write_bag(tmp_path / "bag", streams())
     packed = tmp_path / "packed" / f"{path.name}.gz"
     packed.parent.mkdir()
-    packed.write_bytes(gzip.compress(path.read_bytes()))
+    packed.write_bytes(gzip.compress(path.read_bytes(), mtime=0))
     files = IMPORT_FORMATS["tiers"].files
     assert files((path.parent,)) == (path,)
     assert files((packed.parent,)) == (packed,)
@@ -270,7 +270,7 @@ def test_damaged_database(tmp_path, damage, packed):
     path = write_bag(tmp_path / "bag", streams())
     data = damage(path.read_bytes())
     assert data != path.read_bytes()
-    path.write_bytes(gzip.compress(data) if packed else data)
+    path.write_bytes(gzip.compress(data, mtime=0) if packed else data)
     whole = data.startswith(b"SQLite")
     refused(path, "not a sound rosbag2 file in SQLite" if whole else "is ")
 
@@ -286,7 +286,7 @@ def test_damaged_database(tmp_path, damage, packed):
 )
 def test_damaged_gzip(tmp_path, damage):
     path = write_bag(tmp_path / "bag", streams())
-    path.write_bytes(damage(gzip.compress(path.read_bytes())))
+    path.write_bytes(damage(gzip.compress(path.read_bytes(), mtime=0)))
     refused(path, "a damaged gzip file")
 
 

@@ -16,7 +16,7 @@ from clt.model.noise import (
     range_correlation_time,
 )
 from clt.model.range_table import range_table
-from clt.model.settings import NoiseSettings
+from clt.model.settings import MAX_SETTING, NoiseSettings
 from tests.messages import texts
 
 MS = 1_000_000
@@ -169,3 +169,8 @@ def test_a_correlation_beyond_every_log_leaves_variances_finite():
     stamp = np.array([0, 0, 10**8], np.int64)
     widened = inflated_variances(np.full(3, 0.01), stamp, np.zeros(3, np.int64), tau)
     assert np.isfinite(widened).all()
+
+
+def test_a_sigma_of_any_size_leaves_a_finite_variance():
+    table, _ = table_of(ranges([(1, 0, 2, 3.0)], sigma=[1e300]))
+    assert table.variance.tolist() == [MAX_SETTING**2]

@@ -20,7 +20,7 @@ from clt.model.noise import (
 )
 from clt.model.odometry_gaps import GAP_CORRELATION_S
 from clt.model.range_table import range_table
-from clt.model.settings import NoiseSettings
+from clt.model.settings import MAX_SETTING, NoiseSettings
 from clt.model.twist_segments import interval_twist, join_segments, no_segments, robot_segments
 from tests.messages import texts
 
@@ -190,6 +190,12 @@ def test_noise_nobody_tells_is_assumed_and_said():
         segments, notes = robot_segments(told, known, NoiseSettings(), 0, 100 * MS)
         assert notes == ()
         np.testing.assert_allclose(segments.var_v, 0.49 if known is ROBOT else 0.09)
+
+
+def test_no_sensor_is_so_bad_that_its_variance_overflows():
+    sampled = odometry([50 * MS, 100 * MS], 0.5, sigma=1e300)
+    segments, _ = robot_segments(sampled, ROBOT, NoiseSettings(), 0, 100 * MS)
+    np.testing.assert_allclose([segments.var_v, segments.var_omega], MAX_SETTING**2)
 
 
 def test_no_sensor_is_perfect():

@@ -37,6 +37,13 @@ if TYPE_CHECKING:
     from clt.model.choices import FrameSpec
     from clt.model.settings import FilterSettings
 
+ERROR_STATE = frozenset({"eskf", "ekf"})
+"""Filters that dead reckoning needs in any case."""
+COMPILING_METHODS = frozenset({"auto", "motion", "pairwise"})
+"""Starts that take kernels of their own."""
+COMPILED = "compiled"
+"""The engine of our own kernels."""
+
 
 def localize(
     *,
@@ -114,9 +121,14 @@ def localize(
     settings = read_filter_settings(inputs["config"], sets)
 
     # Slow to import: what stands above is refused at once.
+    from contextlib import ExitStack
+    from functools import partial
+
+    from clt.cli.compiling import compiled_meanwhile
     from clt.cli.initial import find_start
     from clt.cli.reports.localize_report import localize_record, print_localize_summary
     from clt.estimation.estimators import MULTI_HYPOTHESIS_FILTERS, Estimator
+    from clt.estimation.rehearsal import rehearse
     from clt.log.recording.save import save
     from clt.model.problem import require_frame_robots
     from clt.observability.advice import advise
@@ -130,7 +142,11 @@ def localize(
     clock.append((perf_counter(), console.compile_s))
     ego = next(iter(estimator.view.names), None)
     kept = estimator.filter in MULTI_HYPOTHESIS_FILTERS
-    start = find_start(recording, inputs["poses"] or init, settings, console, ego, kept=kept)
+    with ExitStack() as stack:
+        if init in COMPILING_METHODS and engine == COMPILED and chosen not in ERROR_STATE:
+            work = partial(rehearse, recording, settings, estimator)
+            stack.enter_context(compiled_meanwhile(chosen, work, console))
+        start = find_start(recording, inputs["poses"] or init, settings, console, ego, kept=kept)
     console.report(advise(recording, start.placed, frame))
     clock.append((perf_counter(), console.compile_s))
     result = run_filter(recording, start, settings, estimator, as_received, console)
@@ -191,11 +207,23 @@ def run_filter(
     console: Console,
 ) -> EstimationResult:
     """Filter, and say what went wrong."""
-    from clt.cli.compiling import announce_compilation
-    from clt.core.errors import CltError
-    from clt.estimation.pipeline import estimate
+    from contextlib import ExitStack
+    from dataclasses import replace
+    from functools import partial
 
-    with announce_compilation(console):
+    from clt.cli.compiling import announce_compilation, compiled_meanwhile
+    from clt.core.errors import CltError
+    from clt.estimation.estimators import DEFAULT_ESTIMATOR
+    from clt.estimation.pipeline import estimate
+    from clt.estimation.rehearsal import rehearse
+
+    # Dead reckoning, which every result holds, is the error-state filter's.
+    reckoner = replace(DEFAULT_ESTIMATOR, view=estimator.view)
+    with ExitStack() as stack:
+        if estimator.filter not in ERROR_STATE:
+            work = partial(rehearse, recording, settings, reckoner)
+            stack.enter_context(compiled_meanwhile(reckoner.filter, work, console))
+        stack.enter_context(announce_compilation(console))
         result = estimate(recording, start, settings, estimator, as_received=as_received)
     console.report(result.posterior.diagnostics)
     if len(result.recording.estimate) == 0:

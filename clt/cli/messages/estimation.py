@@ -93,6 +93,8 @@ ESTIMATION_TEXTS: Texts = {
     "start_too_uncertain": "{subject}: {filter} is surer than many Gaussians are from the same "
     "start, which is too uncertain for one: use --filter mixture, or start from a better known "
     "pose",
+    "estimate_too_uncertain": "{subject}: {filter} is surer than many Gaussians are from "
+    "{since_s:.1f} s on, where its estimate is too uncertain for one: use --filter mixture",
     "misfit": misfit_text,
     "estimates_not_finite": "{count} of {total} estimates of {subject} are no numbers: left out",
     "innovations_not_finite": "{count} of {total} range innovations are no numbers: left out; look "

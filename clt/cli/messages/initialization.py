@@ -134,5 +134,8 @@ INITIALIZATION_TEXTS: Texts = {
     "surveyed robot off their line or one known heading would decide",
     "survey_unused": "the surveyed position of {subject} is not used in the frame of {ego}: to "
     "start in the world, give the pose of a moving robot in a TOML file (--init FILE)",
-    "file_incomplete": "{subject}: no initial pose in the file, and {error}",
+    "file_incomplete": "{subject}: no initial pose in {file}, and {error}",
+    "truth_beside_file": "{subject}: the ground truth is not used beside {file}, whose frame may "
+    "be another; to start from it, add to the file what `clt init LOG --method truth -o "
+    "FILE` writes, or start all from it (--init truth)",
 }

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from clt.cli.messages.commands import COMMAND_TEXTS
+from clt.cli.messages.emission import EMISSION_TEXTS
 from clt.cli.messages.estimation import ESTIMATION_TEXTS
 from clt.cli.messages.initialization import INITIALIZATION_TEXTS
 from clt.cli.messages.metrics import METRICS_TEXTS
 from clt.cli.messages.observability import OBSERVABILITY_TEXTS
+from clt.cli.messages.recording import RECORDING_TEXTS
 from clt.cli.messages.words import Texts, fill_template
 from clt.cli.numbers import without_nan
 from clt.core.diagnostics import Diagnostic
 
 TEXTS: Texts = {
     **COMMAND_TEXTS,
+    **EMISSION_TEXTS,
     **ESTIMATION_TEXTS,
     **INITIALIZATION_TEXTS,
     **METRICS_TEXTS,
     **OBSERVABILITY_TEXTS,
+    **RECORDING_TEXTS,
 }
 """The words for every kind."""
 

@@ -19,6 +19,8 @@ class Counts:
     """Frames or lines that were recognized and refused: checksum, field, value."""
     skipped_bytes: int = 0
     """Bytes in no frame that was understood."""
+    frame_bytes: int = 0
+    """Bytes of the frames that were understood, blanks between them included."""
 
 
 class Decoder(Protocol):
@@ -40,7 +42,10 @@ class Decoder(Protocol):
 
     @property
     def tail_bytes(self) -> int:
-        """Bytes kept of an unfinished frame."""
+        """Bytes of an unfinished frame at the end; after `finish`, until more bytes are fed, too.
+
+        Of a connection that was followed by another they count as skipped.
+        """
 
     def finish(self) -> Sequence[Sample]:
         """Take the end of the stream (a connection lost, too): samples of a last line without end.

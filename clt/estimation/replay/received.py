@@ -2,7 +2,7 @@
 
 The estimate at time t is the filter's for stamp t, given the messages with `log_time` <= t. Those
 that come late are fused at their own stamps, up to `received.lag`; ranges that come later still are
-left out and counted, and odometry that does tells the latest twist but changes the past no more.
+left out and counted, and odometry that does gives the latest twist but no longer changes the past.
 Until a robot's next odometry arrives its last twist is held, less and less certain.
 
 Who takes part and where all start is given; nothing else comes from the future of t.
@@ -160,7 +160,7 @@ def ranges_in_time(
 def decide_jacobians(settings: FilterSettings, problem: Problem) -> FilterSettings:
     """The settings with `jacobians` decided for all of a run by the ranges of all of it.
 
-    Single steps cannot tell: they see the ranges of a moment.
+    Single steps cannot decide: they see the ranges of a moment.
     """
     if settings.jacobians != "auto" or np.any(problem.space.base != WORLD_REFERENCE):
         return settings

@@ -22,6 +22,7 @@ from clt.filters.distributed.rounds import (
     extrapolate_odometry,
     select_ranges,
 )
+from clt.filters.kalman.free import use_first_estimates
 from clt.filters.kalman.updates import projected_variance
 from clt.filters.mixture.gaussian_sum import (
     GaussianSum,
@@ -167,6 +168,7 @@ def make_gaussian_member(
         split_prior_headings(problem.prior, MAX_START_HEADING_SIGMA),
         problem,
         CAPACITY_FACTOR * settings.dpf.particles,
+        hold=use_first_estimates(problem, settings),
     )
     return GaussianMember(problem, rounds, settings.gate, bank, make_merge_workspace(bank))
 

@@ -161,11 +161,9 @@ def ranges_at_round_end(
     if np.all(own.stamp == end):
         return own
     path = PropagatedState(path.x.copy(), path.time.copy(), path.cursor.copy())
-    change, added = np.empty(own.stamp.size), np.empty(own.stamp.size)
-    way = np.zeros(len(problem.drivers))
-    distance_changes(
-        path, problem.space, problem.lever, problem.segments, own, end, way, change, added
-    )
+    out, way = np.empty((2, own.stamp.size)), np.zeros(len(problem.drivers))
+    distance_changes(path, problem.space, problem.lever, problem.segments, own, end, way, out)
+    change, added = out
     return own._replace(
         stamp=np.full(own.stamp.size, end),
         range=own.range + change,
@@ -196,11 +194,16 @@ def drive_along_odometry(
 
 @compiled_noalloc
 def distance_changes(
-    path: PropagatedState, space: StateSpace, lever: Floats, segments: TwistSegments,
-    own: RangeTable, end: int,
-    way: Floats, change: Floats, added: Floats,
-) -> None:  # fmt: skip
-    """How much the distance of each range changes until `end` (ns), and the variance of that.
+    path: PropagatedState,
+    space: StateSpace,
+    lever: Floats,
+    segments: TwistSegments,
+    own: RangeTable,
+    end: int,
+    way: Floats,
+    out: Floats,
+) -> None:
+    """How much the distance of each range changes until `end` (ns), and the variance: (2, n).
 
     `way`: variance of how far each driver went, (D,), from zero.
     """
@@ -209,10 +212,10 @@ def distance_changes(
         for d in range(way.size):
             way[d] += drive_along_odometry(path, d, until, segments, space)
         if m < own.stamp.size:
-            change[m], added[m] = distance_and_variance(path.x, space, lever, own, m, way)
+            out[0, m], out[1, m] = distance_and_variance(path.x, space, lever, own, m, way)
     for m in range(own.stamp.size):
         h, variance = distance_and_variance(path.x, space, lever, own, m, way)
-        change[m], added[m] = h - change[m], variance - added[m]
+        out[0, m], out[1, m] = h - out[0, m], variance - out[1, m]
 
 
 @compiled_noalloc

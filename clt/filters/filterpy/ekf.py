@@ -24,6 +24,7 @@ from clt.filters.filterpy.model import (
 from clt.filters.filterpy.run import gate_ranges, run_filterpy
 from clt.filters.kalman.eskf import RANGE_USED
 from clt.filters.kalman.free import (
+    Instant,
     directions_for_problem,
     find_unobservable,
     replace_unobservable,
@@ -86,10 +87,12 @@ class TeamEkf(ExtendedKalmanFilter):  # type: ignore[misc]  # untyped library
         if use.size > 0:
             R = np.diag(ranges.weight_variance[rows][use])
             before = self.x
-            instant = ranges, rows.start, rows.stop, self.problem.segments, self.clock.cursor
-            turns = find_unobservable(self.x, self.P, self.space, *instant, self.free)
+            instant = Instant(
+                self.space, ranges, self.problem.segments, self.clock.cursor, rows.start, rows.stop
+            )
+            turns = find_unobservable(self.x, self.P, instant, self.free)
             self.update(z[use], lambda _: H[use], lambda _: h[use], R=R)
-            replace_unobservable(self.x, self.P, self.space, *instant, self.free, turns)
+            replace_unobservable(self.x, self.P, instant, self.free, turns)
             self.shift += self.first * (self.x - before)
         return r, S, verdict
 

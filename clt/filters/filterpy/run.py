@@ -10,8 +10,9 @@ from clt.core.geometry import wrap_angle
 from clt.core.recording import Floats, Indices
 from clt.filters.filterpy.model import SegmentClock
 from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
-from clt.filters.kalman.free import UnobservableDirections, add_turn_curvature, find_turn_variance
+from clt.filters.kalman.free import UnobservableDirections
 from clt.filters.kalman.gaussian import single_gaussian
+from clt.filters.kalman.turn_curvature import add_turn_curvature
 from clt.model.problem import Problem
 from clt.model.solution import Solution
 from clt.model.state_space import StateSpace
@@ -65,12 +66,8 @@ def run_filterpy(team: FilterpyTeam, problem: Problem, gate: float) -> Solution:
             i = outputs.robot[o]
             team.advance(now, drivers_of_ranges(space, np.array([i]), np.array([-1])))
             own = slice(3 * i, 3 * i + 3)
-            if o == first:
-                find_turn_variance(
-                    team.x, team.P, space, ranges, 0, problem.segments, team.clock.cursor, team.free
-                )
             mean[o], covariance[o] = team.x[own], team.P[own, own]
-            add_turn_curvature(team.x, space, i, team.free, covariance[o])
+            add_turn_curvature(team.x, team.P, space, i, 1.0, team.free, covariance[o])
     team.advance(max(now, problem.end), set(range(problem.segments.first.size - 1)))
     mean[:, 2] = wrap_angle(mean[:, 2])
     return Solution(

@@ -22,6 +22,7 @@ from clt.filters.filterpy.model import (
 from clt.filters.filterpy.run import gate_ranges, run_filterpy
 from clt.filters.kalman.eskf import RANGE_USED
 from clt.filters.kalman.free import (
+    Instant,
     add_unobservable,
     directions_for_problem,
     find_unobservable,
@@ -90,13 +91,13 @@ class TeamUkf(UnscentedKalmanFilter):  # type: ignore[misc]  # untyped library
                 (step_noise(x, self.space, piece, shi=self.shi) for piece in pieces),
                 np.zeros_like(self.P),
             )
-            nothing = self.problem.ranges, 0, 0, self.problem.segments, cursor
+            between = Instant(self.space, self.problem.ranges, self.problem.segments, cursor, 0, 0)
             turns = 0
             if self.space.base[0] >= 0:
-                turns = find_unobservable(self.x, self.P, self.space, *nothing, self.free)
+                turns = find_unobservable(self.x, self.P, between, self.free)
             self.P = self.held(turns)
             self.predict(space=self.space, pieces=pieces)
-            add_unobservable(self.x, self.P, self.space, *nothing, self.free, turns)
+            add_unobservable(self.x, self.P, between, self.free, turns)
             self.now = stop
 
     def held(self, turns: int) -> Floats:
@@ -110,8 +111,10 @@ class TeamUkf(UnscentedKalmanFilter):  # type: ignore[misc]  # untyped library
     def correct(self, rows: slice, gate: float) -> tuple[Floats, Floats, Indices]:
         """Gate and fuse the ranges `rows` of one instant: residual, its variance, verdict."""
         ranges, z = self.problem.ranges, self.problem.ranges.range[rows]
-        instant = ranges, rows.start, rows.stop, self.problem.segments, self.clock.cursor
-        turns = find_unobservable(self.x, self.P, self.space, *instant, self.free)
+        instant = Instant(
+            self.space, ranges, self.problem.segments, self.clock.cursor, rows.start, rows.stop
+        )
+        turns = find_unobservable(self.x, self.P, instant, self.free)
         self.sigmas_f = self.points_fn.sigma_points(self.x, self.held(turns))
         images = np.abs(range_vectors(self.sigmas_f, self.problem.lever, ranges, rows))
         h, spread = unscented_transform(images, self.Wm, self.Wc, np.diag(ranges.variance[rows]))
@@ -122,7 +125,7 @@ class TeamUkf(UnscentedKalmanFilter):  # type: ignore[misc]  # untyped library
             image = iter(images[:, use])
             R = np.diag(ranges.weight_variance[rows][use])
             self.update(z[use], R=R, hx=lambda _: next(image))
-            replace_unobservable(self.x, self.P, self.space, *instant, self.free, turns)
+            replace_unobservable(self.x, self.P, instant, self.free, turns)
         return r, S, verdict
 
 

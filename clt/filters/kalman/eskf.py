@@ -19,13 +19,13 @@ from threadpoolctl import threadpool_limits
 from clt.core.recording import Floats, Indices, Stamps
 from clt.filters.kalman import updates
 from clt.filters.kalman.free import (
+    Instant,
     UnobservableDirections,
-    add_turn_curvature,
-    find_turn_variance,
     find_unobservable,
     inactive_directions,
     replace_unobservable,
 )
+from clt.filters.kalman.turn_curvature import add_turn_curvature
 from clt.filters.kalman.updates import UpdateWorkspace
 from clt.jit.compiled import compiled_noalloc, inlined
 from clt.model.covariance_propagation import propagate_blocks
@@ -96,6 +96,7 @@ class EskfState(NamedTuple):
     """The same, shape (N, 2)."""
 
 
+# More than eight arguments: the numbers of one step, all of them scalars.
 @compiled_noalloc
 def propagate_world_block(
     x: Floats, P: Floats, shift: Floats, i: int, v: float, omega: float, dt: float,
@@ -106,7 +107,7 @@ def propagate_world_block(
     F differs from the identity only in d(x, y) / d theta = (-dy, dx), the displacement turned by
     90 degrees. With first-estimates Jacobians (Huang, Mourikis, Roumeliotis 2010) it reaches from
     predicted pose to predicted pose, so `shift`, what ranges corrected in between, comes to it:
-    the filter then cannot learn, from its own corrections, a rotation that no range tells.
+    the filter then cannot learn, from its own corrections, a rotation that no range shows.
     """
     X, Y, T = 3 * i, 3 * i + 1, 3 * i + 2
     dx, dy, cosine, sine = exact_arc(x[T], v, omega, dt)
@@ -237,24 +238,6 @@ def write_pose_output(
 
 
 @compiled_noalloc
-def add_output_curvature(
-    state: EskfState,
-    inputs: FilterInputs,
-    m: int,
-    o: int,
-    free: UnobservableDirections,
-    run: KalmanOutput,
-) -> None:
-    """Add to output o that a wide turn leads along a circle; found with the first of an instant."""
-    space, outputs = inputs.space, inputs.outputs
-    if o == 0 or outputs.stamp[o - 1] != outputs.stamp[o]:
-        find_turn_variance(
-            state.x, state.P, space, inputs.ranges, m, inputs.segments, state.cursor, free
-        )
-    add_turn_curvature(state.x, space, outputs.robot[o], free, run.covariance[o])
-
-
-@compiled_noalloc
 def eskf_kernel(
     state: EskfState,
     inputs: FilterInputs,
@@ -282,20 +265,18 @@ def eskf_kernel(
         if last > m:
             compute_innovations(state, lever, ranges, m, last, gate, work, run)
             if hold:
-                turns = find_unobservable(
-                    state.x, state.P, space, ranges, m, last, segments, state.cursor, free
-                )
+                instant = Instant(space, ranges, segments, state.cursor, m, last)
+                turns = find_unobservable(state.x, state.P, instant, free)
             error_state_update(state, work, last - m, large, first)
             if hold:
-                replace_unobservable(
-                    state.x, state.P, space, ranges, m, last, segments, state.cursor, free, turns
-                )
+                instant = Instant(space, ranges, segments, state.cursor, m, last)
+                replace_unobservable(state.x, state.P, instant, free, turns)
         for o in range(events.first_output[e], events.first_output[e + 1]):
             i = outputs.robot[o]
             advance_block(state, i, now, segments, space, form, True)
             write_pose_output(state.x, state.P, i, run.mean, run.covariance, o)
             if hold:
-                add_output_curvature(state, inputs, last, o, free, run)
+                add_turn_curvature(state.x, state.P, space, i, 1.0, free, run.covariance[o])
     for d in range(state.time.size):
         propagate_driver(state, d, max(now, end), segments, space, form)
 

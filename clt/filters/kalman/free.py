@@ -1,14 +1,15 @@
-"""Turns that no range tells, and how a Kalman filter is kept from learning them from itself.
+"""Turns that no range shows, and how a Kalman filter is kept from learning them from itself.
 
 While a robot stands, all that is seen from it may turn about its antenna and no range changes;
 neither does one if a whole team turns about the only robot of known position. With the changes N
 (a row each) of the state by such turns, P = P_o + N^T S N with S = (N P^-1 N^T)^-1. A range whose
 Jacobian gives H N^T = 0 leaves S as it is, but N depends on the estimate: after a correction the
 filter would find that the N of before is no free turn any more, and learn from it what no range
-told (Huang, Mourikis, Roumeliotis 2010). So N is exchanged after every correction,
+showed (Huang, Mourikis, Roumeliotis 2010). So N is exchanged after every correction,
 P += N+^T S N+ - N^T S N. A filter without Jacobians, the unscented one, looks at the ranges with
-sigma points of P_o, and moves them alone: turned as one, the true points lie on circles, and tell
-the same ranges.
+sigma points of P_o, and moves them alone: turned as one, the true points lie on circles, and have
+the same ranges. The two blocks of mutual transforms are one pose: after the correction the second
+is made the inverse of the first, as turns about both robots are free only where it is.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 from clt.core.recording import Floats, Indices
 from clt.filters.kalman.unscented import cholesky_upper
 from clt.jit.compiled import compiled_noalloc, inlined
+from clt.model.mutual import is_mutual, set_inverse
 from clt.model.problem import Problem
 from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings
@@ -35,10 +37,26 @@ CERTAIN_SIGMA = 1e-6
 """Standard deviation that what is known for certain counts as having, m or rad."""
 
 
+class Instant(NamedTuple):
+    """What is measured at one instant, and in which twist segment each driver is then."""
+
+    space: StateSpace
+    ranges: RangeTable
+    segments: TwistSegments
+    cursor: Indices
+    """(D,)."""
+    first: int
+    """Of the ranges of this instant ..."""
+    last: int
+    """... up to here, without it; none where both are the same."""
+
+
 class UnobservableDirections(NamedTuple):
-    """Whether to look for directions that no range tells, and scratch."""
+    """Whether to look for directions that no range shows, and scratch."""
 
     active: int
+    mutual: int
+    """1 where block 1 is the inverse of block 0 and is kept so."""
     antenna: Floats
     """Of each driver in its body frame, shape (D, 2), m."""
     before: Floats
@@ -51,14 +69,14 @@ class UnobservableDirections(NamedTuple):
     """What made them orthonormal, shape (MAX_UNOBSERVABLE, MAX_UNOBSERVABLE)."""
     U: Floats
     """Factor of P, shape (N, N); or what of P is not free."""
-    bend: Floats
-    """Variance of the turn about each driver, where that is the only direction, (D,), rad^2."""
+    turns: Floats
+    """Scratch of `turn_variance`, shape (MAX_UNOBSERVABLE, MAX_UNOBSERVABLE)."""
 
 
 def directions_for_problem(problem: Problem, active: bool) -> UnobservableDirections:
     """Room for a problem; hardly any where it is not `active`."""
     N = problem.belief.mean.shape[1] if active else 0
-    return allocate_directions(problem.antenna, N, active)
+    return allocate_directions(problem.antenna, N, active, active and is_mutual(problem.space))
 
 
 def inactive_directions() -> UnobservableDirections:
@@ -66,21 +84,24 @@ def inactive_directions() -> UnobservableDirections:
     return allocate_directions(np.zeros((0, 2)), 0, False)
 
 
-def allocate_directions(antenna: Floats, N: int, active: bool) -> UnobservableDirections:
+def allocate_directions(
+    antenna: Floats, N: int, active: bool, mutual: bool = False
+) -> UnobservableDirections:
     """Scratch for N numbers and drivers with these antennas (D, 2)."""
     before, after, white = (
         np.zeros((MAX_UNOBSERVABLE, N)),
         np.zeros((MAX_UNOBSERVABLE, N)),
         np.zeros((MAX_UNOBSERVABLE, N)),
     )
-    steps, bend = np.zeros((MAX_UNOBSERVABLE, MAX_UNOBSERVABLE)), np.zeros(antenna.shape[0])
+    steps, turns = (np.zeros((MAX_UNOBSERVABLE, MAX_UNOBSERVABLE)) for _ in range(2))
     return UnobservableDirections(
-        int(active), antenna, before, after, white, steps, np.zeros((N, N)), bend
-    )
+        int(active), int(mutual), antenna, before, after, white, steps, np.zeros((N, N)),
+        turns,
+    )  # fmt: skip
 
 
 def use_first_estimates(problem: Problem, settings: FilterSettings) -> bool:
-    """Whether a filter is to hold what no range tells: as set, else wherever that can be.
+    """Whether a filter is to hold what no range shows: as set, else wherever that can be.
 
     That is with fewer than two fixed robots, and in body frames.
     """
@@ -92,10 +113,9 @@ def use_first_estimates(problem: Problem, settings: FilterSettings) -> bool:
 
 
 @inlined
-def is_antenna_at_rest(
-    segments: TwistSegments, cursor: Indices, d: int, free: UnobservableDirections
-) -> bool:
+def is_antenna_at_rest(instant: Instant, d: int, free: UnobservableDirections) -> bool:
     """Whether the antenna of driver d is at rest from now on: as its odometry says, or for good."""
+    segments, cursor = instant.segments, instant.cursor
     if segments.first[d] == segments.first[d + 1]:
         return True
     k = min(cursor[d], segments.first[d + 1] - 1)
@@ -128,14 +148,13 @@ def turn_direction(
 
 @compiled_noalloc
 def unobservable_in_world(
-    x: Floats, space: StateSpace, ranges: RangeTable, first: int, last: int,
-    segments: TwistSegments,
-    free: UnobservableDirections, out: Floats,
-) -> int:  # fmt: skip
-    """What the ranges first .. last - 1 do not tell of poses in the world; rows of `out`.
+    x: Floats, instant: Instant, free: UnobservableDirections, out: Floats
+) -> int:
+    """Changes of poses in the world that no range of an instant shows; rows of `out`.
 
     The heading of a static robot is but a convention: it stays, and its antenna turns.
     """
+    space, ranges, segments, _, first, last = instant
     fixed, cx, cy = 0, 0.0, 0.0
     for m in range(first, last):
         for end in (ranges.a[m], ranges.b[m]):
@@ -162,23 +181,21 @@ def unobservable_in_world(
 
 @compiled_noalloc
 def unobservable_directions(
-    x: Floats, space: StateSpace, ranges: RangeTable, first: int, last: int,
-    segments: TwistSegments,
-    cursor: Indices, free: UnobservableDirections, out: Floats,
-) -> int:  # fmt: skip
-    """Changes of the state x that the ranges first .. last - 1 do not tell, rows of `out`; count.
+    x: Floats, instant: Instant, free: UnobservableDirections, out: Floats
+) -> int:
+    """Changes of the state x that no range of an instant shows, rows of `out`; how many.
 
     A turn about a driver that stands counts as such only until it moves: what its odometry says
-    of the way there is what tells the turn.
+    of the way there shows the turn.
     """
     if free.active == 0:
         return 0
-    if space.base[0] == WORLD_REFERENCE:
-        return unobservable_in_world(x, space, ranges, first, last, segments, free, out)
+    if instant.space.base[0] == WORLD_REFERENCE:
+        return unobservable_in_world(x, instant, free, out)
     count = 0
-    for d in range(cursor.size):
-        if count < MAX_UNOBSERVABLE and is_antenna_at_rest(segments, cursor, d, free):
-            count += turn_direction(x, space, d, free, out[count])
+    for d in range(instant.cursor.size):
+        if count < MAX_UNOBSERVABLE and is_antenna_at_rest(instant, d, free):
+            count += turn_direction(x, instant.space, d, free, out[count])
     return count
 
 
@@ -221,14 +238,9 @@ def apply_orthonormalization(N: Floats, steps: Floats, j: int) -> None:
 
 
 @compiled_noalloc
-def find_unobservable(
-    x: Floats, P: Floats, space: StateSpace, ranges: RangeTable, first: int, last: int,
-    segments: TwistSegments, cursor: Indices, free: UnobservableDirections,
-) -> int:  # fmt: skip
-    """The directions before a correction by the ranges first .. last - 1: how many."""
-    count = unobservable_directions(
-        x, space, ranges, first, last, segments, cursor, free, free.before
-    )
+def find_unobservable(x: Floats, P: Floats, instant: Instant, free: UnobservableDirections) -> int:
+    """The directions before a correction by the ranges of an instant: how many."""
+    count = unobservable_directions(x, instant, free, free.before)
     if count > 0:
         cholesky_upper(P, free.U, x.size)
         orthonormalize(free.U, count, free)
@@ -248,14 +260,18 @@ def subtract_unobservable(P: Floats, count: int, free: UnobservableDirections) -
 
 @compiled_noalloc
 def add_unobservable(
-    x: Floats, P: Floats, space: StateSpace, ranges: RangeTable, first: int, last: int,
-    segments: TwistSegments, cursor: Indices, free: UnobservableDirections, count: int,
-) -> None:  # fmt: skip
-    """Add to P along the directions at x what was known along the `count` found before."""
+    x: Floats, P: Floats, instant: Instant, free: UnobservableDirections, count: int
+) -> None:
+    """Add to P along the directions at x what was known along the `count` found before.
+
+    The blocks of mutual transforms become inverses before: only then x has such directions.
+    """
+    if free.mutual == 1:
+        set_inverse(x, P)
     if count == 0:
         return
     after = free.after
-    unobservable_directions(x, space, ranges, first, last, segments, cursor, free, after)
+    unobservable_directions(x, instant, free, after)
     for j in range(count):
         apply_orthonormalization(after, free.steps, j)
         for r in range(x.size):
@@ -265,9 +281,8 @@ def add_unobservable(
 
 @compiled_noalloc
 def replace_unobservable(
-    x: Floats, P: Floats, space: StateSpace, ranges: RangeTable, first: int, last: int,
-    segments: TwistSegments, cursor: Indices, free: UnobservableDirections, count: int,
-) -> None:  # fmt: skip
+    x: Floats, P: Floats, instant: Instant, free: UnobservableDirections, count: int
+) -> None:
     """After the correction: P holds along the directions at the new x what it held along `before`.
 
     As many were found before as `count`.
@@ -277,56 +292,4 @@ def replace_unobservable(
         for r in range(x.size):
             for c in range(x.size):
                 P[r, c] -= before[j, r] * before[j, c]
-    add_unobservable(x, P, space, ranges, first, last, segments, cursor, free, count)
-
-
-@compiled_noalloc
-def find_turn_variance(
-    x: Floats, P: Floats, space: StateSpace, ranges: RangeTable, m: int, segments: TwistSegments,
-    cursor: Indices, free: UnobservableDirections,
-) -> None:  # fmt: skip
-    """How far what is seen from each driver may have turned about it, for `add_turn_curvature`.
-
-    m: any range; none tells of turns in body frames.
-    """
-    if free.active == 0 or space.base[0] == WORLD_REFERENCE:
-        return
-    count = find_unobservable(x, P, space, ranges, m, m, segments, cursor, free)
-    for d in range(cursor.size):
-        turns = (
-            count == 1
-            and is_antenna_at_rest(segments, cursor, d, free)
-            and is_reference_frame(space, d)
-        )
-        free.bend[d] = free.steps[0, 0] ** 2 if turns else 0.0
-
-
-@inlined
-def is_reference_frame(space: StateSpace, d: int) -> bool:
-    """Whether anything stands in the frame of driver d."""
-    seen = False
-    for i in range(space.base.size):
-        seen = seen or space.base[i] == d
-    return seen
-
-
-@compiled_noalloc
-def add_turn_curvature(
-    x: Floats, space: StateSpace, i: int, free: UnobservableDirections, covariance: Floats
-) -> None:
-    """Add to the covariance (3, 3) of block i that a wide turn leads along a circle, in place.
-
-    What turns by a ~ N(0, s^2) about the antenna, at u from it, is left by u (1 - cos a) behind
-    the tangent: on average squared, 3/2 - 2 exp(-s^2 / 2) + exp(-2 s^2) / 2 times u u^T.
-    """
-    if free.active == 0 or space.base[i] < 0:
-        return
-    d = space.base[i]
-    ux, uy = x[3 * i] - free.antenna[d, 0], x[3 * i + 1] - free.antenna[d, 1]
-    e = math.expm1(-0.5 * free.bend[d])
-    # The same in powers of what the exponential is below one: small ones stay exact.
-    share = e * e * (3.0 + 2.0 * e + 0.5 * e * e)
-    covariance[0, 0] += share * ux * ux
-    covariance[0, 1] += share * ux * uy
-    covariance[1, 0] += share * ux * uy
-    covariance[1, 1] += share * uy * uy
+    add_unobservable(x, P, instant, free, count)

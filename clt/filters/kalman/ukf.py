@@ -25,11 +25,10 @@ from clt.filters.kalman.eskf import (
     write_pose_output,
 )
 from clt.filters.kalman.free import (
+    Instant,
     UnobservableDirections,
-    add_turn_curvature,
     add_unobservable,
     directions_for_problem,
-    find_turn_variance,
     find_unobservable,
     replace_unobservable,
     subtract_unobservable,
@@ -37,6 +36,7 @@ from clt.filters.kalman.free import (
 )
 from clt.filters.kalman.gaussian import process_noise_form, single_gaussian
 from clt.filters.kalman.reacquisition import solve_with_search
+from clt.filters.kalman.turn_curvature import add_turn_curvature
 from clt.filters.kalman.unscented import (
     MeasurementMoments,
     SigmaPoints,
@@ -124,19 +124,18 @@ def add_process_noise(
 
 @compiled_noalloc
 def propagate_sigma_points(
-    state: UkfState, points: SigmaPoints, space: StateSpace, segments: TwistSegments,
-    ranges: RangeTable, m: int,
-    free: UnobservableDirections, dt: float, form: int,
+    state: UkfState, points: SigmaPoints, instant: Instant, free: UnobservableDirections,
+    dt: float, form: int,
 ) -> None:  # fmt: skip
     """All drivers move for dt seconds with the twists of their segments: x and P, in place.
 
-    m: any range; those are the free turns of no range at all.
+    An instant without ranges: the turns that none shows are those of no range at all.
     """
-    x, P, cursor = state.x, state.P, state.cursor
+    x, P, cursor, space, segments = state.x, state.P, state.cursor, instant.space, instant.segments
     blocks = has_poses_only(space, x)
     turns = 0
     if space.base[0] >= 0:
-        turns = find_unobservable(x, P, space, ranges, m, m, segments, cursor, free)
+        turns = find_unobservable(x, P, instant, free)
     draw_observable_points(x, P, turns, free, points)
     for d in range(cursor.size):
         k = cursor[d]
@@ -152,7 +151,7 @@ def propagate_sigma_points(
     mirror_upper(P)
     for c in range(x.size):
         x[c] += points.m[c]
-    add_unobservable(x, P, space, ranges, m, m, segments, cursor, free, turns)
+    add_unobservable(x, P, instant, free, turns)
 
 
 @inlined
@@ -169,20 +168,17 @@ def draw_observable_points(
 
 @compiled_noalloc
 def propagate_to_time(
-    state: UkfState, points: SigmaPoints, space: StateSpace, segments: TwistSegments,
-    ranges: RangeTable, m: int,
+    state: UkfState, points: SigmaPoints, instant: Instant,
     free: UnobservableDirections, now: int, until: int, form: int,
 ) -> None:  # fmt: skip
     """From the time `now` to `until` (ns), in steps of constant twists."""
-    cursor, first, end = state.cursor, segments.first, segments.end
+    cursor, first, end = state.cursor, instant.segments.first, instant.segments.end
     while now < until:
         stop = until
         for d in range(cursor.size):
             if cursor[d] < first[d + 1]:
                 stop = min(stop, end[cursor[d]])
-        propagate_sigma_points(
-            state, points, space, segments, ranges, m, free, (stop - now) * 1e-9, form
-        )
+        propagate_sigma_points(state, points, instant, free, (stop - now) * 1e-9, form)
         for d in range(cursor.size):
             if cursor[d] < first[d + 1] and end[cursor[d]] == stop:
                 cursor[d] += 1
@@ -218,12 +214,12 @@ def range_moments(
 
 @compiled_noalloc
 def unscented_innovations(
-    state: UkfState, points: SigmaPoints, lever: Floats, ranges: RangeTable, first: int, last: int,
+    state: UkfState, points: SigmaPoints, lever: Floats, instant: Instant,
     gate: float, measured: MeasurementMoments, run: KalmanOutput,
 ) -> int:  # fmt: skip
-    """Predict and gate the ranges first .. last - 1; how many are used, in the first columns."""
-    count = 0
-    for row in range(first, last):
+    """Predict and gate the ranges of an instant; how many are used, in the first columns."""
+    count, ranges = 0, instant.ranges
+    for row in range(instant.first, instant.last):
         mean, variance = range_moments(state.x, points, lever, ranges, row, measured, count)
         r, S = ranges.range[row] - mean, variance + ranges.variance[row]
         verdict = RANGE_USED if gate <= 0.0 or r * r <= gate * S else RANGE_REJECTED
@@ -235,17 +231,16 @@ def unscented_innovations(
 
 @compiled_noalloc
 def unscented_update(
-    state: UkfState, points: SigmaPoints, lever: Floats, ranges: RangeTable, first: int, last: int,
-    gate: float, space: StateSpace, segments: TwistSegments, free: UnobservableDirections,
-    measured: MeasurementMoments, run: KalmanOutput,
+    state: UkfState, points: SigmaPoints, lever: Floats, instant: Instant,
+    gate: float, free: UnobservableDirections, measured: MeasurementMoments, run: KalmanOutput,
 ) -> None:  # fmt: skip
     """Gate and fuse the ranges of one instant."""
-    x, P, cursor = state.x, state.P, state.cursor
-    turns = find_unobservable(x, P, space, ranges, first, last, segments, cursor, free)
+    x, P = state.x, state.P
+    turns = find_unobservable(x, P, instant, free)
     draw_observable_points(x, P, turns, free, points)
-    count = unscented_innovations(state, points, lever, ranges, first, last, gate, measured, run)
+    count = unscented_innovations(state, points, lever, instant, gate, measured, run)
     fuse_jointly(x, P, points.L, measured, count, points.excess)
-    replace_unobservable(x, P, space, ranges, first, last, segments, cursor, free, turns)
+    replace_unobservable(x, P, instant, free, turns)
 
 
 @compiled_noalloc
@@ -265,23 +260,20 @@ def ukf_kernel(
     """
     space, lever, segments, ranges, outputs, events, now, end = inputs
     # As in `eskf_kernel`: a literal 0 would compile all that is called with it once more.
-    last: int = np.int64(0)  # type: ignore[assignment]
+    none: int = np.int64(0)  # type: ignore[assignment]
+    between = Instant(space, ranges, segments, state.cursor, none, none)
     for e in range(events.stamp.size):
         m, last = events.first_range[e], events.first_range[e + 1]
-        propagate_to_time(
-            state, points, space, segments, ranges, m, free, now, events.stamp[e], form
-        )
+        propagate_to_time(state, points, between, free, now, events.stamp[e], form)
         now = events.stamp[e]
         if last > m:
-            unscented_update(
-                state, points, lever, ranges, m, last, gate, space, segments, free, measured, run,
-            )  # fmt: skip
-        if events.first_output[e] < events.first_output[e + 1]:
-            find_turn_variance(state.x, state.P, space, ranges, last, segments, state.cursor, free)
+            instant = Instant(space, ranges, segments, state.cursor, m, last)
+            unscented_update(state, points, lever, instant, gate, free, measured, run)
         for o in range(events.first_output[e], events.first_output[e + 1]):
-            write_pose_output(state.x, state.P, outputs.robot[o], run.mean, run.covariance, o)
-            add_turn_curvature(state.x, space, outputs.robot[o], free, run.covariance[o])
-    propagate_to_time(state, points, space, segments, ranges, last, free, now, max(now, end), form)
+            i = outputs.robot[o]
+            write_pose_output(state.x, state.P, i, run.mean, run.covariance, o)
+            add_turn_curvature(state.x, state.P, space, i, 1.0, free, run.covariance[o])
+    propagate_to_time(state, points, between, free, now, max(now, end), form)
 
 
 def solve_ukf(problem: Problem, settings: FilterSettings) -> Solution:

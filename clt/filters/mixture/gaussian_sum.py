@@ -2,7 +2,8 @@
 
 The log weight of each gathers the evidence of the ranges, log w += -1/2 (log 2 pi S + r^2 / S)
 (Alspach and Sorenson 1972). An outlier beyond the gate corrects nothing and counts as one on the
-gate, so that it kills no hypothesis by itself.
+gate, so that it kills no hypothesis by itself. What no range tells, each Gaussian holds for itself
+(`kalman.free`): otherwise all would grow sure of a turn that none of them can know.
 """
 
 from __future__ import annotations
@@ -14,6 +15,13 @@ import numpy as np
 
 from clt.core.recording import Floats, Indices, Stamps
 from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
+from clt.filters.kalman.free import (
+    Instant,
+    UnobservableDirections,
+    allocate_directions,
+    find_unobservable,
+    replace_unobservable,
+)
 from clt.filters.kalman.updates import covariance_times_row, projected_variance
 from clt.jit.compiled import compiled_noalloc
 from clt.model.belief import Belief
@@ -48,8 +56,8 @@ class GaussianSum(NamedTuple):
     """Up to when each driver is propagated, shape (D,), ns."""
     cursor: Indices
     """The twist segment that each driver is in, (D,)."""
-    mutual: int
-    """1 where block 1 is the inverse of block 0."""
+    free: UnobservableDirections
+    """What no range tells of any of them, and whether block 1 is the inverse of block 0."""
     dropped: Floats
     """Probability that the truth was among what was dropped for want of room alone, (1,)."""
     travel: Floats
@@ -83,8 +91,11 @@ class MixtureOutput(NamedTuple):
     verdict: Indices
 
 
-def make_gaussian_sum(belief: Belief, problem: Problem, room: int) -> GaussianSum:
-    """A bank at the problem's start with room for at least `room` Gaussians."""
+def make_gaussian_sum(belief: Belief, problem: Problem, room: int, *, hold: bool) -> GaussianSum:
+    """A bank at the problem's start with room for at least `room` Gaussians.
+
+    hold: what no range tells (`kalman.free.use_first_estimates`).
+    """
     K, N = belief.mean.shape
     C, D, B = max(room, K), problem.space.first.size - 1, problem.space.who.size
     log_weight, mean, covariance = np.zeros(C), np.zeros((C, N)), np.zeros((C, N, N))
@@ -92,9 +103,11 @@ def make_gaussian_sum(belief: Belief, problem: Problem, room: int) -> GaussianSu
     past = problem.memory
     if not isinstance(past, GaussianSumMemory):
         past = GaussianSumMemory(np.zeros(D), np.zeros(1))
+    mutual = is_mutual(problem.space)
     return GaussianSum(
         log_weight, mean, covariance, np.array([K]), np.full(D, problem.start),
-        problem.segments.first[:-1].copy(), int(is_mutual(problem.space)),
+        problem.segments.first[:-1].copy(),
+        allocate_directions(problem.antenna, N if hold else 0, hold, mutual),
         past.dropped.copy(), past.travel.copy(),
         np.zeros((2, 6), np.int64), np.zeros((2, 6)), np.zeros(N),
         np.zeros((B, 2)), np.zeros((B, 2)), np.zeros((N, 2)),
@@ -217,17 +230,19 @@ def normalize_weights(log_weight: Floats, count: int) -> None:
 
 @compiled_noalloc
 def fuse_range(
-    bank: GaussianSum, lever: Floats, ranges: RangeTable, m: int, gate: float, trace: MixtureOutput
-) -> None:
+    bank: GaussianSum, space: StateSpace, segments: TwistSegments, lever: Floats,
+    ranges: RangeTable, m: int, gate: float, trace: MixtureOutput,
+) -> None:  # fmt: skip
     """Fuse range m into every Gaussian, with its curvature to second order, and weigh them by it.
 
     A Gaussian of width s across the line of sight sees h + s^2 / 2h with s^4 / 2h^2 more variance.
     """
-    J, H = bank.J, bank.H
+    J, H, free = bank.J, bank.H, bank.free
+    instant = Instant(space, ranges, segments, bank.cursor, m, m + 1)
     mean, square, used = 0.0, 0.0, 0.0
     for k in range(bank.alive[0]):
         x, P = bank.mean[k], bank.covariance[k]
-        if bank.mutual == 1:
+        if free.mutual == 1:
             set_inverse(x, P)
         h = predict_range_and_tangent(x, lever, ranges, m, J, H)
         across = max(projected_variance(P, J, H, TANGENT_ROW), 0.0)
@@ -244,9 +259,9 @@ def fuse_range(
         inside = gate <= 0.0 or r * r <= gate * S_gate
         if inside:
             used += w
+            turns = find_unobservable(x, P, instant, free)
             update_gaussian(x, P, J, H, bank.gain, r, S)
-            if bank.mutual == 1:
-                set_inverse(x, P)
+            replace_unobservable(x, P, instant, free, turns)
         nis = r * r / S if inside else gate
         bank.log_weight[k] -= 0.5 * (math.log(2.0 * math.pi * S) + nis)
     trace.residual[m], trace.variance[m] = mean, square - mean * mean

@@ -10,9 +10,13 @@ answer is unique the cost is that of one filter.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from clt.core.recording import Floats
+from clt.filters.kalman.free import use_first_estimates
+from clt.filters.kalman.turn_curvature import add_turn_curvature
 from clt.filters.mixture.adaptive_splitting import MAX_HEADING_SIGMA, narrow_for_range
 from clt.filters.mixture.gaussian_sum import (
     GaussianSum,
@@ -50,7 +54,12 @@ def solve_mixture(problem: Problem, settings: FilterSettings) -> Solution:
     belief = problem.belief
     if problem.prior is not None:
         belief = split_prior_headings(problem.prior, MAX_HEADING_SIGMA)
-    bank = make_gaussian_sum(belief, problem, CAPACITY_FACTOR * gaussians_kept(problem, settings))
+    bank = make_gaussian_sum(
+        belief,
+        problem,
+        CAPACITY_FACTOR * gaussians_kept(problem, settings),
+        hold=use_first_estimates(problem, settings),
+    )
     trace = make_mixture_output(problem.outputs, problem.ranges)
     mixture_kernel(bank, problem.inputs, settings.gate, make_merge_workspace(bank), trace)
     return Solution(
@@ -90,13 +99,13 @@ def mixture_kernel(
             if bank.alive[0] > MAX_FILL_SHARE * bank.log_weight.size:
                 reduce_with_room(bank, space, desk)
             narrow_for_range(bank, space, lever, ranges, m, False)
-            fuse_range(bank, lever, ranges, m, gate, trace)
+            fuse_range(bank, space, segments, lever, ranges, m, gate, trace)
             if m % RANGES_PER_REDUCTION == 0:
                 reduce_with_room(bank, space, desk)
         for o in range(events.first_output[e], events.first_output[e + 1]):
             i = outputs.robot[o]
             advance_sum_block(bank, i, now, segments, space, True)
-            write_sum_output(bank, i, trace, o, desk.mode)
+            write_sum_output(bank, space, i, trace, o, desk.mode)
     for d in range(bank.time.size):
         propagate_sum_driver(bank, d, end, segments, space)
 
@@ -110,9 +119,11 @@ def reduce_with_room(bank: GaussianSum, space: StateSpace, desk: MergeWorkspace)
 
 @compiled_noalloc
 def write_sum_output(
-    bank: GaussianSum, i: int, trace: MixtureOutput, o: int, scratch: Floats
+    bank: GaussianSum, space: StateSpace, i: int, trace: MixtureOutput, o: int, scratch: Floats
 ) -> None:
-    """Moments and leading share of block i to output o."""
+    """Moments and leading share of block i to output o, with the circles that turns lead along."""
     w, x, P, n = bank.log_weight, bank.mean, bank.covariance, bank.alive[0]
     lead = mixture_block_moments(w, x, P, n, i, trace.mean[o], trace.covariance[o])
+    for k in range(n):
+        add_turn_curvature(x[k], P[k], space, i, math.exp(w[k]), bank.free, trace.covariance[o])
     trace.share[o] = leading_mode_probability(w, x, P, n, i, lead, scratch)

@@ -14,6 +14,7 @@ import math
 import numpy as np
 
 from clt.core.recording import Floats, Indices
+from clt.filters.kalman.free import use_first_estimates
 from clt.filters.mixture.adaptive_splitting import MAX_HEADING_SIGMA, narrow_for_range
 from clt.filters.mixture.gaussian_sum import (
     GaussianSum,
@@ -50,7 +51,7 @@ def solve_gaussian_particles(problem: Problem, settings: FilterSettings) -> Solu
     if problem.prior is not None:
         wide = split_prior_headings(problem.prior, MAX_HEADING_SIGMA)
         belief = draw_gaussians(wide, settings.pf.gaussians, settings.pf.seed)
-    bank = make_gaussian_sum(belief, problem, 0)
+    bank = make_gaussian_sum(belief, problem, 0, hold=use_first_estimates(problem, settings))
     trace = make_mixture_output(problem.outputs, problem.ranges)
     K = belief.log_weight.size
     gaussian_particles_kernel(
@@ -113,12 +114,12 @@ def gaussian_particles_kernel(
             advance_sum_block(bank, a, now, segments, space, b < 0)
             advance_sum_block(bank, b, now, segments, space, a < 0)
             narrow_for_range(bank, space, lever, ranges, m, True)
-            fuse_range(bank, lever, ranges, m, gate, trace)
+            fuse_range(bank, space, segments, lever, ranges, m, gate, trace)
             if effective_sample_size(bank.log_weight) < MIN_EFFECTIVE_SHARE * K:
                 resample_gaussians(bank, copies, source)
         for o in range(events.first_output[e], events.first_output[e + 1]):
             i = outputs.robot[o]
             advance_sum_block(bank, i, now, segments, space, True)
-            write_sum_output(bank, i, trace, o, scratch)
+            write_sum_output(bank, space, i, trace, o, scratch)
     for d in range(bank.time.size):
         propagate_sum_driver(bank, d, end, segments, space)

@@ -79,12 +79,23 @@ def robots_without_pose(recording: Recording, start: Start) -> list[str]:
     ]
 
 
+def robots_with_unused_truth(recording: Recording, start: Start) -> list[str]:
+    """Moving robots that a start leaves out although their ground truth has headings."""
+    return [
+        name
+        for name in robots_without_pose(recording, start)
+        if name in recording.truth and with_heading(recording.truth[name]).stamp.size > 0
+    ]
+
+
 def complete_given_start(
     recording: Recording, start: Start, settings: FilterSettings
 ) -> Initialization:
-    """A start with the poses of some robots in the world, with what their ranges tell of the rest.
+    """A start with the poses of some robots in the world, the rest placed by their ranges.
 
-    Raises CltError where no two robots have ranges that could place another.
+    Ground truth is left alone: whoever gives poses has chosen where they come from, and their frame
+    need not be that of the reference. Raises CltError where no two robots have ranges that could
+    place another.
     """
     begin = max(pairwise_start_time(recording), start.stamp)
     if begin - start.stamp > MAX_DEAD_RECKONING_NS:

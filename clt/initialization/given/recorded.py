@@ -45,7 +45,7 @@ def recorded_poses(recording: Recording) -> dict[str, RecordedPose] | None:
 
 
 def from_record(recording: Recording) -> Start | None:
-    """The start that the log's metadata tells, if it does so for a robot with odometry.
+    """The start that the log's metadata holds, if it does so for a robot with odometry.
 
     Raises LogError for metadata that cannot be read.
     """

@@ -35,11 +35,11 @@ def moving_truth(recording: Recording) -> dict[str, Poses]:
     known = {name: with_heading(recording.truth[name]) for name in names if name in recording.truth}
     truths = {name: truth for name, truth in known.items() if truth.stamp.size > 0}
     if len(truths) == 0:
-        told = [name for name in known if recording.truth[name].stamp.size > 0]
-        if len(told) > 0:
+        without_heading = [name for name in known if recording.truth[name].stamp.size > 0]
+        if len(without_heading) > 0:
             raise CltError(
-                f"the ground truth of {', '.join(told)} has no heading; give poses in a TOML file "
-                "instead (--init FILE)"
+                f"the ground truth of {', '.join(without_heading)} has no heading; give poses in "
+                "a TOML file instead (--init FILE)"
             )
         topics = ", ".join(f"/{name}/ground_truth" for name in names)
         raise CltError(

@@ -45,7 +45,7 @@ class CandidateFrame:
     """One possible arrangement of the static robots, and of whoever stood still with them."""
 
     surveyed: bool
-    """The log tells it; else the ranges do."""
+    """The log states it; else the ranges determine it."""
     anchors: Mapping[str, Floats]
     """Every placed static robot, (2,), m."""
     loose: Mapping[str, Floats]
@@ -59,7 +59,7 @@ class CandidateFrame:
     """The static robots lie on one line: they cannot tell its two sides apart."""
 
     axis: tuple[Floats, Floats]
-    """Two points (2,) of the line at which a layout is not told from its mirror image."""
+    """Two points (2,) of the line at which a layout cannot be told from its mirror image."""
     log_weight: float = 0.0
     """Logarithm of its probability by the distances of those that stand."""
 

@@ -2,7 +2,7 @@
 
 Shi, section "Motion-induced initialization", with the two-range formula put right (errata) and
 any number of static robots from two. Positions along the drive are regressed on the displacement
-that odometry tells, which on a straight line is the travelled distance; a line fit through the
+that odometry measures, which on a straight line is the travelled distance; a line fit through the
 positions alone (principal axis) would be up to four times worse.
 """
 
@@ -91,7 +91,7 @@ def track_position_fixes(
 def fit_heading(position: Floats, covariance: Floats, displacement: Floats) -> HeadingFit | None:
     """Heading at the start of a drive by weighted regression, p = o + R(heading) displacement.
 
-    position (n, 2) with covariance (n, 2, 2); displacement (n, 2) as odometry tells it in the
+    position (n, 2) with covariance (n, 2, 2); displacement (n, 2) as odometry measures it in the
     body frame at the start. None where the robot did not move.
     """
     n = position.shape[0]

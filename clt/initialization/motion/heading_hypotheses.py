@@ -132,8 +132,8 @@ def merge_modes(group: list[PoseMode]) -> PoseMode:
 def probabilities(log_likelihoods: Sequence[float], nis: float = 1.0) -> Floats:
     """Shares of exp(log-likelihood), shape (k,).
 
-    Where even the best has a mean NIS above 1, ranges tell less than their sigma promises: the
-    likelihoods count for 1 / `nis`.
+    Where even the best has a mean NIS above 1, ranges hold less information than their
+    sigma promises: the likelihoods count for 1 / `nis`.
     """
     values = np.asarray(log_likelihoods, dtype=np.float64) / max(1.0, nis)
     shares = np.exp(values - values.max())

@@ -14,8 +14,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
-from scipy.special import chdtri
 
 from clt.core.recording import Floats
 from clt.initialization.motion.initial_guesses import (
@@ -23,11 +21,19 @@ from clt.initialization.motion.initial_guesses import (
     guess_layouts,
     perturbed_layout,
 )
+from clt.initialization.motion.layout_fit import (
+    LayoutProblem,
+    cost_of_fit,
+    fit_layout,
+    is_contradictory,
+    layout_problem,
+    select_pairs,
+)
+from clt.initialization.motion.layout_outliers import fit_without_outliers
 from clt.initialization.motion.lines import are_collinear, farthest_pair
 from clt.initialization.motion.places import SAME_POSITION_M
 from clt.initialization.motion.realizations import (
     SAME_LAYOUT_M,
-    LayoutGraph,
     Realizations,
     find_realizations,
     noise_excess,
@@ -36,8 +42,9 @@ from clt.initialization.pair_distances import PairDistances
 
 MIN_RIGID_EIGENVALUE = 1e-9
 """Smallest eigenvalue of a rigid layout's normal matrix, as a share of the largest."""
-
-
+RESTART_WORK, MIN_RESTARTS = 40_000_000, 2
+"""Operations of one step of all restarts together, and as many restarts there are whatever that
+allows; so it is for the refinement of all layouts that were found."""
 MIN_LAYOUT_PROBABILITY = 1e-4
 """Probability below which another layout is no alternative."""
 
@@ -75,70 +82,41 @@ class TeamLayout:
     """False: the team is so large that there may be others that nobody looked for."""
 
 
-@dataclass(frozen=True)
-class _Problem:
-    """Pairs and the coordinates that are free to move."""
-
-    pairs: PairDistances
-    free: NDArray[np.bool_]
-    """(n, 2)."""
-    fixed: Floats
-    """(n, 2), used where not free."""
-
-    def place(self, parameters: Floats) -> Floats:
-        position = self.fixed.copy()
-        position[self.free] = parameters
-        return position
-
-    def nodes(self, known: Mapping[int, Floats]) -> LayoutGraph:
-        return LayoutGraph(self.pairs, self.free, len(known) > 0)
-
-    def residual(self, parameters: Floats) -> Floats:
-        """(|p_a - p_b| - d) / sigma, shape (m,)."""
-        p = self.place(parameters)
-        pairs = self.pairs
-        h = np.hypot(*(p[pairs.a] - p[pairs.b]).T)
-        return np.asarray((h - pairs.distance) / pairs.sigma)
-
-    def jacobian(self, parameters: Floats) -> Floats:
-        """Of `residual`, shape (m, free)."""
-        p = self.place(parameters)
-        pairs, rows = self.pairs, np.arange(self.pairs.a.size)
-        d = p[pairs.a] - p[pairs.b]
-        e = d / (np.maximum(np.hypot(*d.T), 1e-9) * pairs.sigma)[:, None]
-        J = np.zeros((rows.size, *self.free.shape))
-        J[rows, pairs.a] = e
-        J[rows, pairs.b] = -e
-        return J[:, self.free]
-
-
 def estimate_layout(pairs: PairDistances, n: int, known: Mapping[int, Floats]) -> TeamLayout:
     """Positions of n nodes from mean distances between them.
 
     `known` positions (2,) hold the frame; with fewer than two of them it is Shi's, of nodes 0
-    and 1. Single contradicting distances are left out where the others suffice to tell.
+    and 1. Single contradicting distances are left out where the others suffice.
     """
     known = known if len(known) >= 2 else {}
-    problem = _problem(pairs, n, known)
+    problem = layout_problem(pairs, n, known)
     guesses = guess_layouts(pairs, n, known)
-    best = min((_fit(problem, start) for start in guesses), key=_cost)
+    best = min((fit_layout(problem, start) for start in guesses), key=cost_of_fit)
     used = np.ones(pairs.a.size, np.bool_)
     sparse = pairs.a.size < n * (n - 1) // 2
     found = _realizations(problem, best, known, sparse)
     best = (found.layouts[0][0][problem.free], found.layouts[0][1])
-    if _contradictory(problem, best):
-        more = [perturbed_layout(start, k) for start in guesses for k in range(LAYOUT_RESTARTS)]
-        best = min([best, *(_fit(problem, start) for start in more)], key=_cost)
-        if _contradictory(problem, best):
-            robust = min((_fit(problem, s, robust=True) for s in (*guesses, *more)), key=_cost)
-            best, used = _without_outliers(problem, best, problem.place(robust[0]))
-            problem = replace(problem, pairs=_select(pairs, used))
+    if is_contradictory(problem, best):
+        restarts = min(LAYOUT_RESTARTS, max(MIN_RESTARTS, RESTART_WORK // problem.step_work))
+        more = [perturbed_layout(start, k) for start in guesses for k in range(restarts)]
+        best = min([best, *(fit_layout(problem, start) for start in more)], key=cost_of_fit)
+        if is_contradictory(problem, best):
+            tried = (*guesses, *more, problem.place(best[0]))
+            robust = min(
+                (fit_layout(problem, start, robust=True) for start in tried), key=cost_of_fit
+            )
+            best, used, ended = fit_without_outliers(problem, best, problem.place(robust[0]))
+            if not ended:
+                alone = Realizations([(problem.place(best[0]), best[1])], searched=False)
+                return _layout(pairs, used, problem, alone, known)
+            problem = replace(problem, pairs=select_pairs(pairs, used))
+        if best[1] < (1.0 - 1e-6) * found.layouts[0][1]:
             found = _realizations(problem, best, known, sparse)
     return _layout(pairs, used, problem, found, known)
 
 
 def _realizations(
-    problem: _Problem, best: tuple[Floats, float], known: Mapping[int, Floats], sparse: bool
+    problem: LayoutProblem, best: tuple[Floats, float], known: Mapping[int, Floats], sparse: bool
 ) -> Realizations:
     """All layouts that are possible, from one of them; those that move loose nodes only are one."""
     rigid = _covariance(problem, *best)[2]
@@ -148,7 +126,7 @@ def _realizations(
 def _layout(
     pairs: PairDistances,
     used: NDArray[np.bool_],
-    problem: _Problem,
+    problem: LayoutProblem,
     found: Realizations,
     known: Mapping[int, Floats],
 ) -> TeamLayout:
@@ -156,8 +134,10 @@ def _layout(
 
     Others that lie within its noise widen its covariance.
     """
-    refined = [_fit(problem, position) for position, _ in found.layouts]
-    refined.sort(key=_cost)
+    most = max(MIN_RESTARTS, RESTART_WORK // problem.step_work)
+    refined = [fit_layout(problem, position) for position, _ in found.layouts[:most]]
+    searched = found.searched and len(found.layouts) <= most
+    refined.sort(key=cost_of_fit)
     scale = noise_excess(problem.nodes(known), refined[0][1])
     weight = np.exp(-0.5 * (np.array([cost for _, cost in refined]) - refined[0][1]) / scale)
     position, covariance, rigid = _covariance(problem, *refined[0])
@@ -185,7 +165,7 @@ def _layout(
     )
     left = pairs.distance - np.hypot(*(position[pairs.a] - position[pairs.b]).T)
     best = float(total / everything)
-    return TeamLayout(position, wide / total, left, used, rigid, best, likely, found.searched)
+    return TeamLayout(position, wide / total, left, used, rigid, best, likely, searched)
 
 
 def same_place_distance(P: Floats, Q: Floats) -> Floats:
@@ -219,88 +199,8 @@ def reflect_at_line(position: Floats, a: Floats, b: Floats) -> Floats:
     return np.asarray(a + 2.0 * (d @ along)[..., None] * along - d)
 
 
-def _problem(pairs: PairDistances, n: int, known: Mapping[int, Floats]) -> _Problem:
-    free, fixed = np.ones((n, 2), np.bool_), np.zeros((n, 2))
-    for node, position in known.items():
-        free[node], fixed[node] = False, position
-    if len(known) == 0:
-        free[0], free[1, 1] = False, False
-    return _Problem(pairs, free, fixed)
-
-
-def _fit(problem: _Problem, start: Floats, robust: bool = False) -> tuple[Floats, float]:
-    """Parameters of a local minimum and their cost (the sum of squares, or its robust form)."""
-    if not problem.free.any():
-        return np.empty(0), float(np.sum(problem.residual(np.empty(0)) ** 2))
-    tolerance = 1e-6 if robust else 1e-12
-    with np.errstate(divide="ignore", invalid="ignore"):  # where a coordinate is free to move
-        found = least_squares(
-            problem.residual,
-            start[problem.free],
-            jac=problem.jacobian,
-            loss="cauchy" if robust else "linear",
-            f_scale=2.0 if robust else 1.0,
-            x_scale="jac" if robust else 1.0,
-            xtol=tolerance,
-            ftol=tolerance,
-            gtol=tolerance,
-        )
-    return np.asarray(found.x), 2.0 * float(found.cost)
-
-
-def _without_outliers(
-    problem: _Problem, best: tuple[Floats, float], other: Floats
-) -> tuple[tuple[Floats, float], NDArray[np.bool_]]:
-    """The fit without as few distances as make the rest agree; with all of them if none do.
-
-    One after the other, that one is left out whose absence helps most, from two starts; where
-    several would make the rest agree, the one that is off by least. At most half as many as there
-    are more distances than unknowns: agreement must mean something.
-    """
-    everything = np.ones(problem.pairs.a.size, np.bool_)
-    used, fit = everything.copy(), best
-    for _ in range((used.size - int(problem.free.sum())) // 2):
-        trials, agreeing = [], []
-        for k in np.flatnonzero(used):
-            rest = used.copy()
-            rest[k] = False
-            kept = replace(problem, pairs=_select(problem.pairs, rest))
-            if _well_posed(kept, fit[0]):
-                found = min((_fit(kept, s) for s in (problem.place(fit[0]), other)), key=_cost)
-                trials.append((found[1], rest, found))
-                if not _contradictory(kept, found):
-                    off = abs(float((problem.residual(found[0]) * problem.pairs.sigma)[k]))
-                    agreeing.append((off, rest, found))
-        if len(trials) == 0:
-            break
-        _, used, fit = min(agreeing or trials, key=lambda trial: trial[0])
-        if len(agreeing) > 0:
-            return fit, used
-    return best, everything
-
-
-def _cost(found: tuple[Floats, float]) -> float:
-    return found[1]
-
-
-def _contradictory(problem: _Problem, found: tuple[Floats, float], chance: float = 0.001) -> bool:
-    """The distances miss their best layout by more than chance would."""
-    freedom = problem.pairs.a.size - int(problem.free.sum())
-    return freedom > 0 and found[1] > float(chdtri(freedom, chance))
-
-
-def _select(pairs: PairDistances, used: NDArray[np.bool_]) -> PairDistances:
-    return PairDistances(pairs.a[used], pairs.b[used], pairs.distance[used], pairs.sigma[used])
-
-
-def _well_posed(problem: _Problem, parameters: Floats) -> bool:
-    """More distances than unknowns, and all of them needed."""
-    J = problem.jacobian(parameters)
-    return bool(J.shape[0] > J.shape[1] and np.linalg.matrix_rank(J) == J.shape[1])
-
-
 def _covariance(
-    problem: _Problem, parameters: Floats, cost: float
+    problem: LayoutProblem, parameters: Floats, cost: float
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Positions, their covariance (inverse normal matrix) and which of them are determined.
 
@@ -313,7 +213,7 @@ def _covariance(
     J = problem.jacobian(parameters)
     inverse, rigid = _inverse(J, problem.free)
     off = 1.0
-    if _contradictory(problem, (parameters, cost), 0.01):
+    if is_contradictory(problem, (parameters, cost), 0.01):
         off = cost / (J.shape[0] - J.shape[1])
     slots = np.flatnonzero(problem.free.ravel())
     covariance[np.ix_(slots, slots)] = off * inverse

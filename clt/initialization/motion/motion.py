@@ -114,7 +114,7 @@ def from_motion(recording: Recording, settings: FilterSettings) -> Initializatio
 
 
 def mirror_assumptions(tried: Attempt) -> tuple[Diagnostic, ...]:
-    """By what a frame was told from its mirror image, where surveyed positions do not do that."""
+    """What distinguished a frame from its mirror image, where surveyed positions do not do that."""
     if tried.frame is None or len(tried.chosen) == 0:
         return ()
     robots = tried.recording.team.static
@@ -133,7 +133,7 @@ def attempt_without_conflicts(
     """An attempt whose ranges agree; notes on what that took; what stays in doubt.
 
     A pair that contradicts the others is left out where its absence, and no other suspect's, makes
-    all agree. Where robots cannot be placed without a suspect, that cannot be told.
+    all agree. Where robots cannot be placed without a suspect, that is not known.
     """
     tried = attempt_start(recording, begin, still, settings)
     wrong = conflicts_of(tried)
@@ -231,19 +231,19 @@ def search_all_robots(
 def robot_statuses(tried: Attempt, doubt: Diagnostic | None) -> dict[str, RobotStatus]:
     """All robots that took part in an attempt; with a `doubt` no pose is more than a guess."""
     frames, team = tried.survey.frames, tried.recording.team
-    told: dict[str, RobotStatus] = {}
+    statuses: dict[str, RobotStatus] = {}
     poses: dict[str, Floats] = {}
     if tried.verdict is not None:
-        told |= {
+        statuses |= {
             name: ambiguous_robot(name, tried.verdict, frames) for name in tried.verdict.shares
         }
         if tried.settled is not None:
-            told |= settled_robots(tried.settled, tried.verdict, doubt)
+            statuses |= settled_robots(tried.settled, tried.verdict, doubt)
             poses = {name: candidate.pose.mean for name, candidate in tried.chosen.items()}
     possible = tuple(frame for frame, _ in tried.possible)
-    told |= {
+    statuses |= {
         name: standing_robot(team.robots[team.index(name)], one.why, possible, poses)
         for name, one in tried.searches.items()
         if len(one.candidates) == 0
     }
-    return told
+    return statuses

@@ -10,6 +10,7 @@ scattered starts.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from clt.core.diagnostics import Diagnostic
-from clt.core.recording import Floats
+from clt.core.recording import Floats, Indices
 from clt.initialization.motion.layout_minima import minimize_layouts
 from clt.initialization.pair_distances import PairDistances
 
@@ -30,8 +31,8 @@ refitted, such layouts may fit within one."""
 MAX_REFITTED_REFLECTIONS, MAX_REFLECTED_LAYOUTS, MAX_KEPT_LAYOUTS, SCATTERED_STARTS = 48, 24, 64, 64
 """Reflections that are refitted, layouts that are reflected, those that are kept, and scattered
 starts, at most."""
-WORK = 30_000_000
-"""Lines times pairs that are looked at, which is some seconds."""
+WORK = 20_000_000
+"""Lines times pairs, and lines times parts, that are looked at, which is some seconds."""
 TOGETHER = 1 << 20
 """Numbers that are worked on at a time."""
 SAME_LAYOUT_M = 1e-3
@@ -69,7 +70,7 @@ def find_realizations(
     Layouts are one where the `compared` nodes (n,) are at the same places; they may differ by a
     reflection of the whole. Of large teams only as many are reflected as WORK allows.
     """
-    work = len(first) ** 2 * max(1, nodes.pairs.a.size)
+    work = len(first) ** 2 * (nodes.pairs.a.size + len(first) ** 2 // 2)
     most = int(min(MAX_REFLECTED_LAYOUTS, max(1, WORK // work)))
     begin = first[None]
     if scatter:
@@ -82,7 +83,7 @@ def find_realizations(
         if len(open_) == 0 or len(done) == most:
             break
         done.append(open_[0])
-        starts = reflected_layouts(nodes, open_[0])
+        starts = reflected_layouts(nodes, open_[0], compared)
         if len(starts) > 0:
             _gather(found, nodes, starts, compared)
     return Realizations(
@@ -102,10 +103,11 @@ def scattered_layouts(nodes: LayoutGraph, first: Floats) -> Floats:
     return np.where(nodes.free, first.mean(axis=0) + size * noise, first)
 
 
-def reflected_layouts(nodes: LayoutGraph, position: Floats) -> Floats:
+def reflected_layouts(nodes: LayoutGraph, position: Floats, compared: NDArray[np.bool_]) -> Floats:
     """Starts (k, n, 2): one part of a layout reflected at the line of two nodes each.
 
-    A part hangs together by pairs that would see a reflection of one of their ends.
+    A part hangs together by pairs that would see a reflection of one of their ends. `compared`
+    nodes (n,) must stand both in it and beside it: else the reflection shows nothing new.
     """
     pairs, n = nodes.pairs, len(position)
     held = ~nodes.free.any(axis=1) & nodes.anchored
@@ -116,17 +118,17 @@ def reflected_layouts(nodes: LayoutGraph, position: Floats) -> Floats:
         d, ends = position - position[u], position[u + 1 :] - position[u]
         along = ends / np.maximum(np.hypot(*ends.T), SAME_LAYOUT_M)[:, None]
         image = position[u] + 2.0 * (along @ d.T)[:, :, None] * along[:, None, :] - d
-        moved = np.hypot(*np.moveaxis(image - position, -1, 0)) > SAME_LAYOUT_M
+        shifted = np.hypot(*np.moveaxis(image - position, -1, 0)) > SAME_LAYOUT_M
         across = image[:, pairs.a] - position[pairs.b]
         change = np.abs(np.hypot(across[..., 0], across[..., 1]) - now) / pairs.sigma
-        for level in UNSEEN_CHANGE_SIGMAS:
-            part = _parts(pairs, change > level, n)
-            other, own = moved[:, None] & ~part, moved[:, None] & part
-            useful = own.any(axis=2) & other.any(axis=2) & ~(own & held).any(axis=2)
-            line, k = np.nonzero(useful)
-            for rows in np.split(np.arange(line.size), range(step, line.size, step)):
-                own = part[line[rows], k[rows]][:, :, None]
-                made.append(np.where(own, image[line[rows]], position))
+        for lines, part in _parts_by_level(pairs, change, n):
+            moved = shifted[lines, None] & part
+            useful = (moved & compared).any(axis=2) & ~(moved & held).any(axis=2)
+            useful &= (shifted[lines, None] & ~part & compared).any(axis=2)
+            row, k = np.nonzero(useful)
+            for rows in np.split(np.arange(row.size), range(step, row.size, step)):
+                own = part[row[rows], k[rows]][:, :, None]
+                made.append(np.where(own, image[lines[row[rows]]], position))
                 size += rows.size
                 if size > step:
                     made = [_cheapest(pairs, np.concatenate(made))]
@@ -139,8 +141,29 @@ def _cheapest(pairs: PairDistances, starts: Floats) -> Floats:
     """MAX_REFITTED_REFLECTIONS starts (k, n, 2) of least squares in order, equal ones once."""
     cost = np.sum(_residual(pairs, starts) ** 2, axis=1)
     order = np.argsort(cost, kind="stable")
-    _, first = np.unique(np.round(starts[order], 3), axis=0, return_index=True)
-    return starts[order][np.sort(first)[:MAX_REFITTED_REFLECTIONS]]
+    looked_at = 4 * MAX_REFITTED_REFLECTIONS
+    while True:
+        best = starts[order[:looked_at]]
+        _, first = np.unique(np.round(best, 3), axis=0, return_index=True)
+        if first.size >= MAX_REFITTED_REFLECTIONS or looked_at >= order.size:
+            return best[np.sort(first)[:MAX_REFITTED_REFLECTIONS]]
+        looked_at *= 4
+
+
+def _parts_by_level(
+    pairs: PairDistances, change: Floats, n: int
+) -> Iterator[tuple[Indices, NDArray[np.bool_]]]:
+    """Numbers of lines (l,) and the parts (l, n, n) that reflections at them leave together.
+
+    `change` (lines, m) is by how many standard deviations each pair sees a reflection. A line comes
+    again at each of UNSEEN_CHANGE_SIGMAS at which other pairs see it than at the one before.
+    """
+    lines, before = np.arange(len(change)), np.zeros(change.shape, np.bool_)
+    for k, level in enumerate(UNSEEN_CHANGE_SIGMAS):
+        sees = change > level
+        some = lines if k == 0 else lines[(sees != before).any(axis=1)]
+        yield some, _parts(pairs, sees[some], n)
+        before = sees
 
 
 def _parts(pairs: PairDistances, seeing: NDArray[np.bool_], n: int) -> NDArray[np.bool_]:
@@ -152,9 +175,10 @@ def _parts(pairs: PairDistances, seeing: NDArray[np.bool_], n: int) -> NDArray[n
     ends = graph * n + pairs.a[pair], graph * n + pairs.b[pair]
     size = len(seeing) * n
     edges = coo_array((np.ones(graph.size, np.int8), ends), shape=(size, size))
-    _, label = connected_components(edges, directed=False)
-    _, first, own = np.unique(label, return_index=True, return_inverse=True)
-    lowest = (first[own] % n).reshape(len(seeing), 1, n)
+    count, label = connected_components(edges, directed=False)
+    first = np.full(count, size)
+    np.minimum.at(first, label, np.arange(size))
+    lowest = (first[label] % n).reshape(len(seeing), 1, n)
     return np.asarray(lowest == np.arange(n)[:, None])
 
 

@@ -84,18 +84,18 @@ def static_robots(
     team: Team, found: Survey, possible: tuple[tuple[CandidateFrame, float], ...]
 ) -> dict[str, RobotStatus]:
     """Static robots by the layout alone, in the frames that remain `possible`."""
-    told = {}
+    statuses = {}
     for robot in team.static:
         known = known_static_pose(robot)
         if len(found.frames) == 0:
-            told[robot.name] = (
+            statuses[robot.name] = (
                 unobservable_status(found.why) if known is None else RobotStatus("ok", known)
             )
         elif robot.name not in found.frames[0].anchors:
-            told[robot.name] = unobservable_status(TOO_FEW_RANGES)
+            statuses[robot.name] = unobservable_status(TOO_FEW_RANGES)
         else:
-            told[robot.name] = _placed(robot, possible)
-    return told
+            statuses[robot.name] = _placed(robot, possible)
+    return statuses
 
 
 def _placed(robot: Robot, possible: tuple[tuple[CandidateFrame, float], ...]) -> RobotStatus:
@@ -134,7 +134,7 @@ def standing_robot(
 ) -> RobotStatus:
     """A robot that never moved: its place by the layout, heading unknown.
 
-    `poses` (3,) of moving robots that are found tell its side, if they stood off the line.
+    `poses` (3,) of moving robots that are found decide its side, if they stood off the line.
     """
     if robot.name not in frames[0].standing:
         return unobservable_status(why)

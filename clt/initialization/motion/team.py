@@ -1,4 +1,4 @@
-"""All robots together: ranges between those that move tell more than each by itself can.
+"""All robots together: ranges between those that move determine more than those of each alone.
 
 Every combination of the robots' possible poses is a filter over one window; a robot's probability
 is the sum over the combinations that hold its pose.

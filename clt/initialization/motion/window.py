@@ -23,7 +23,7 @@ from clt.model.twist_segments import TwistSegments, join_segments, no_segments, 
 from clt.model.unicycle import EXACT_NOISE
 
 MAX_UNGATED_NIS = 25.0
-"""NIS beyond which a range tells no more against a hypothesis, where there is no gate."""
+"""NIS beyond which a range says no more against a hypothesis, where there is no gate."""
 NO_OUTPUTS = Outputs(np.empty(0, np.int64), np.empty(0, np.int64))
 
 

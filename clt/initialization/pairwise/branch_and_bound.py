@@ -15,6 +15,18 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.core.recording import Floats, Indices
+from clt.initialization.pairwise.descents import (
+    CELL_BEGIN_FIELDS,
+    CELL_FARTHEST,
+    CELL_NEAREST,
+    COARSE_CELLS,
+    HALF_PHI,
+    HALF_THETA,
+    SearchWorkspace,
+    best_descent_cost,
+    fill_angle_cells,
+    make_search_workspace,
+)
 from clt.initialization.pairwise.likelihood import (
     AT_DISTANCE,
     COST,
@@ -28,11 +40,9 @@ from clt.initialization.pairwise.likelihood import (
     PHI,
     THETA,
     VAR_D,
-    CostWorkspace,
     PairRanges,
     attained_cost,
     evaluate_cost,
-    fit_relative_pose,
     forward_substitute,
 )
 from clt.initialization.pairwise.lower_bound import (
@@ -50,9 +60,6 @@ from clt.initialization.pairwise.taylor_bounds import (
 from clt.initialization.pairwise.unimodality import MAX_COST_SHORTFALL, has_one_minimum
 from clt.jit.compiled import compiled_noalloc
 
-COARSE_CELLS = 16
-"""Cells of the circle to begin with, for each angle; the best cost is first looked for in half as
-many."""
 FIRST_SWEEP_RANGES = 7
 """Ranges that the first sweep looks at: all of them can only cost more."""
 COST_MARGIN = 14.0
@@ -65,15 +72,8 @@ UNLIKELY_COST_DIFFERENCE = 9.0
 """Difference of costs."""
 MIN_SPLIT_SIGMAS = 0.1
 """So many deviations of the distance need not be told apart."""
-DESCENT_TRIALS = 6
-"""Cells from which the best cost is first looked for."""
 MAX_CELLS = 20_000
 """Cells at most; a posterior that would need more is told in coarser ones, and never unique."""
-CELL_BEGIN_FIELDS = 7
-"""Numbers of a cell that waits, see `fill_angle_cells`."""
-CELL_FIELDS = COST_FIELDS + 4
-"""Numbers of a cell: those of `evaluate_cost`, half widths, nearest and farthest distance."""
-HALF_THETA, HALF_PHI, CELL_NEAREST, CELL_FARTHEST = range(COST_FIELDS, CELL_FIELDS)
 SPLIT_DISTANCE, SPLIT_NOTHING = 2, 3
 """What to halve beside theta (0) and phi (1): the distances, or nothing."""
 
@@ -104,35 +104,6 @@ class CellSearch(NamedTuple):
     """All cells are done: else there would be more than MAX_CELLS, and coarse ones hide minima."""
     best: float
     """The least cost that least squares found."""
-
-
-class SearchWorkspace(NamedTuple):
-    """Memory of a search."""
-
-    coarse: Floats
-    """Cells of the circle to begin with, (COARSE_CELLS^2, CELL_BEGIN_FIELDS)."""
-    cost: Floats
-    """Of each at its center, (COARSE_CELLS^2,)."""
-    minima: Floats
-    """Where least squares led: cost, theta, phi (rad), distance (m), (DESCENT_TRIALS, 4)."""
-    queue: Floats
-    """Cells to look at, (MAX_CELLS, CELL_BEGIN_FIELDS)."""
-    done: Floats
-    """(MAX_CELLS, CELL_FIELDS)."""
-    result: Floats
-    """Those of `CellSearch` but for the cells, (3,)."""
-
-
-def make_search_workspace(cells: int) -> SearchWorkspace:
-    """Memory for so many cells."""
-    return SearchWorkspace(
-        np.empty((COARSE_CELLS * COARSE_CELLS, CELL_BEGIN_FIELDS)),
-        np.empty(COARSE_CELLS * COARSE_CELLS),
-        np.empty((DESCENT_TRIALS, 4)),
-        np.empty((cells, CELL_BEGIN_FIELDS)),
-        np.empty((cells, CELL_FIELDS)),
-        np.zeros(3),
-    )
 
 
 def search_cells(pair: PairRanges, few: PairRanges, turns: bool, enough: float) -> CellSearch:
@@ -176,73 +147,6 @@ def branch_and_bound(
                 memory.queue[kept, i] = coarse[row, i]
             kept += 1
     return subdivide(pair, work, kept, most, memory)
-
-
-@compiled_noalloc
-def best_descent_cost(
-    pair: PairRanges, few: PairRanges, turns: bool, work: CostWorkspace, memory: SearchWorkspace
-) -> float:
-    """The least cost that least squares find from all around; its `evaluate_cost` is in `work`."""
-    descend(pair, few, turns, work, memory)
-    minima, best = memory.minima, 0
-    for k in range(DESCENT_TRIALS):
-        if minima[k, 0] < minima[best, 0]:
-            best = k
-    _, theta, phi, d = minima[best]
-    evaluate_cost(pair, theta, phi, d, 0.0, np.inf, work.none, work)
-    return float(minima[best, 0])
-
-
-def descend_from_all_sides(
-    pair: PairRanges, few: PairRanges, turns: bool, work: CostWorkspace
-) -> Floats:
-    """Where least squares lead to from the DESCENT_TRIALS best directions and turns all around.
-
-    Cost, theta, phi (rad) and distance (m) of each: (DESCENT_TRIALS, 4).
-    """
-    memory = make_search_workspace(0)
-    descend(pair, few, turns, work, memory)
-    return memory.minima
-
-
-@compiled_noalloc
-def descend(
-    pair: PairRanges, few: PairRanges, turns: bool, work: CostWorkspace, memory: SearchWorkspace
-) -> None:
-    """Fill `memory.minima` as `descend_from_all_sides` says."""
-    coarse, cost, minima, out = memory.coarse, memory.cost, memory.minima, work.out
-    d = max(pair.z[0], MIN_ANTENNA_DISTANCE)
-    count = fill_angle_cells(coarse, COARSE_CELLS // 2, turns, d, 0.0, np.inf)
-    for row in range(count):
-        evaluate_cost(few, coarse[row, 0], coarse[row, 1], d, 0.0, np.inf, work.none, work)
-        cost[row] = out[COST]
-    for k in range(DESCENT_TRIALS):
-        least = 0
-        for row in range(count):
-            if cost[row] < cost[least]:
-                least = row
-        cost[least] = np.inf
-        fit_relative_pose(pair, coarse[least, 0], coarse[least, 1], d, turns, work)
-        minima[k, 0], minima[k, 1] = attained_cost(out), out[THETA]
-        minima[k, 2], minima[k, 3] = out[PHI], out[AT_DISTANCE]
-
-
-@compiled_noalloc
-def fill_angle_cells(
-    cells: Floats, across: int, turns: bool, d: float, low: float, high: float
-) -> int:
-    """Cells that cover both angles: center, half widths, a distance to begin with, its bounds.
-
-    How many there are: across^2, or `across` without turns.
-    """
-    turned = across if turns else 1
-    half = np.pi / across
-    for row in range(across * turned):
-        cells[row, 0] = -np.pi + (2 * (row // turned) + 1) * half
-        cells[row, 1] = -np.pi + (2 * (row % turned) + 1) * half if turns else 0.0
-        cells[row, 2], cells[row, 3] = half, half if turns else 0.0
-        cells[row, 4], cells[row, 5], cells[row, 6] = d, low, high
-    return across * turned
 
 
 @compiled_noalloc

@@ -8,7 +8,7 @@ import numpy as np
 
 from clt.core.geometry import wrap_angle
 from clt.core.recording import Floats, Indices
-from clt.initialization.pairwise.branch_and_bound import HALF_PHI, HALF_THETA
+from clt.initialization.pairwise.descents import HALF_PHI, HALF_THETA
 from clt.initialization.pairwise.likelihood import (
     COST_FIELDS,
     D_PHI,

@@ -8,12 +8,7 @@ import numpy as np
 
 from clt.core.geometry import wrap_angle
 from clt.core.recording import Floats, Indices
-from clt.initialization.pairwise.branch_and_bound import (
-    CELL_FARTHEST,
-    CELL_NEAREST,
-    HALF_PHI,
-    HALF_THETA,
-)
+from clt.initialization.pairwise.descents import CELL_FARTHEST, CELL_NEAREST, HALF_PHI, HALF_THETA
 from clt.initialization.pairwise.likelihood import (
     AT_DISTANCE,
     COST,

@@ -127,8 +127,8 @@ def _from_span(
                 edges[name, other] = solve_pair(pair, turns=other not in static)
     if len(edges) == 0:
         raise CltError(
-            f"no ranges between robots with odometry in the first {SPANS_S[-1]} s: nothing tells "
-            "where they are; give poses in a TOML file (--init FILE)"
+            f"no ranges between robots with odometry in the first {SPANS_S[-1]} s to place them "
+            "by; give the poses of all in a TOML file (--init FILE)"
         )
     known = {(FRAME_ROOT, name): given_hypothesis(pose) for name, pose in given.items()}
     names, joints = combine_pairs(ego, {**known, **edges}, static)

@@ -92,12 +92,14 @@ class _Walker:
         self.most = most
 
     def struct(self, struct: Struct, prefix: str) -> None:
+        """Walk all fields of a type."""
         if len(struct.fields) == 0:
             self.move(1, 1)  # ROS 2 gives an empty type one byte
         for item in struct.fields:
             self.field(item, prefix + item.name)
 
     def field(self, item: Field, path: str) -> None:
+        """Walk one field: a value, an array or a sequence."""
         size = self.word() if item.many == "sequence" else item.size
         if item.many == "one":
             self.value(item.kind, path)
@@ -108,6 +110,7 @@ class _Walker:
             self.numbers(item.kind, path, size)
 
     def value(self, kind: str | Struct, path: str) -> None:
+        """Walk one value of a type. Raises UnsupportedLayoutError for wide text."""
         if isinstance(kind, Struct):
             self.struct(kind, path + ".")
         elif kind == "text":
@@ -125,6 +128,7 @@ class _Walker:
                 self.layout.spots[path] = FieldLocation(offset, kind)
 
     def numbers(self, kind: str, path: str, size: int) -> None:
+        """Walk `size` numbers of a kind."""
         width = np.dtype(kind).itemsize
         offset = self.move(width * size, width)
         if path in self.wanted:
@@ -144,6 +148,7 @@ class _Walker:
             self.layout.spots[path] = FieldLocation(offset, "text", max(size - 1, 0))
 
     def word(self) -> int:
+        """Walk a length of four bytes; its value."""
         offset = self.move(4, 4)
         word = self.message[offset : offset + 4]
         value = int.from_bytes(word, "little" if self.layout.order == "<" else "big")

@@ -86,10 +86,12 @@ class _LayoutBuilder:
     used: set[str] = field(default_factory=set)
 
     def message(self, name: str, prefix: str) -> None:
+        """Lay out all fields of a type."""
         for kind, label in schemas.definition_fields(schemas.definition_text(name)):
             self.member(kind, prefix + label)
 
     def member(self, kind: str, path: str) -> None:
+        """Lay out one field: a value, an array or a sequence."""
         element, count = _array(kind)
         if count is None:
             self.one(element, path)
@@ -109,6 +111,7 @@ class _LayoutBuilder:
             self.place(path, code, shape)
 
     def one(self, kind: str, path: str) -> None:
+        """Lay out one value of a type."""
         if kind == "string":
             text = str(self.constant(path, "")).encode() + b"\0"
             self.number("<u4", len(text))
@@ -119,6 +122,7 @@ class _LayoutBuilder:
             self.message(kind, f"{path}.")
 
     def constant(self, path: str, default: str | int) -> str | int:
+        """What a field is in every message."""
         self.used.add(path)
         return self.constants.get(path, default)
 
@@ -135,6 +139,7 @@ class _LayoutBuilder:
         self.template += bytes(size * int(np.prod(shape, dtype=np.int64)))
 
     def align(self, size: int) -> None:
+        """Pad to a multiple of `size` bytes."""
         self.template += bytes(-(len(self.template) - len(ENCAPSULATION_HEADER)) % size)
 
 

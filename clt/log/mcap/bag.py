@@ -113,6 +113,7 @@ def _numbered_files(folder: Path, present: dict[str, Path]) -> tuple[Path, ...]:
         raise LogError(f"{folder}: several bags ({some}); give the file of one of them")
     if len(names) == 0:
         raise LogError(
-            f"{folder}: a directory without a bag: no .mcap, .db3 or {METADATA_FILE} in it"
+            f"{folder}: a directory without a bag: no .mcap, .db3 or {METADATA_FILE} in it; "
+            "`clt import --list` names other formats"
         )
     return tuple(present[name] for name in names)

@@ -30,4 +30,4 @@ def explain_not_mcap(start: bytes) -> str:
         return f"is MCAP of the unknown version {chr(start[5])!r}; clt reads version '0'"
     if MCAP_MAGIC.startswith(start):
         return f"holds only the first {len(start)} bytes of a log"
-    return "is not an MCAP log"
+    return "is not an MCAP log, nor a .db3 file; `clt import --list` names other formats"

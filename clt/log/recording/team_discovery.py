@@ -25,18 +25,37 @@ if TYPE_CHECKING:
 
 
 def from_metadata(log: Log) -> Team | None:
-    """The team of the log's `clt.team` record; None without one. Raises LogError if it is bad."""
+    """The team of the log's `clt.team` record; None without one. Raises LogError if it is bad.
+
+    Of several the last one that only adds to those before it holds.
+    """
     records = [metadata.record for metadata in log.metadata if metadata.name == TEAM_RECORD]
     if len(records) == 0:
         return None
-    if any(record != records[0] for record in records):
-        log.faults.add(
-            "team", TEAM_RECORD, "the log names several teams; the first one holds", lost=True
-        )
     try:
-        return decode_team(records[0])
+        team = decode_team(records[0])
+        for record in records[1:]:
+            if record == records[0]:
+                continue
+            later = decode_team(record)
+            if _grew(team, later):
+                team = later
+            elif later != team:
+                text = "the log names several teams; the first one holds"
+                log.faults.add("team", TEAM_RECORD, text, lost=True)
+                break
     except LogError as error:
         raise LogError(f"{log.name}: {error}") from None
+    return team
+
+
+def _grew(team: Team, later: Team) -> bool:
+    """Whether a later record is what a recording made of its team: all robots under their ids.
+
+    Robots are added as they are first heard, and turn out to move once they have odometry.
+    """
+    ids = {robot.name: robot.id for robot in later.robots}
+    return all(ids.get(robot.name) == robot.id for robot in team.robots)
 
 
 def from_mapping(streams: StreamsFile, known: Team | None = None) -> Team:

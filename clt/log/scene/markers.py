@@ -110,6 +110,7 @@ class Markers:
     def pose(
         self, path: str, position: Floats, height: float, heading: Floats | float = 0.0
     ) -> None:
+        """Where a marker is: position (k, 2) and height, m, heading (k,), rad."""
         half = np.asarray(heading) / 2
         self.columns |= {
             f"{path}.pose.position.x": position[:, 0],
@@ -120,6 +121,7 @@ class Markers:
         }
 
     def points(self, path: str, points: Floats) -> None:
+        """Points (k, p, 2) of a marker, m."""
         self.constants[f"{path}.points"] = points.shape[1]
         self.columns[f"{path}.points"] = np.pad(points, ((0, 0), (0, 0), (0, 1)))
 

@@ -162,6 +162,7 @@ class _Painter:
     """Links of a scene, twice the pairs, so that hardly a pair is missing in any order."""
 
     def markers(self, at: Stamps) -> Markers:
+        """All markers of the scenes at some stamps (k,), ns."""
         markers = Markers(at)
         robots = self.recording.team.robots
         places = np.full((len(robots), at.size, 2), np.nan)

@@ -125,7 +125,7 @@ def course_mirrors(setup: Setup, state: Sequence[ExactPose]) -> Iterator[list[Mi
 
     Their distance over time depends on the relative velocity alone, and not on the side on which
     they pass each other. Araki section III-C; errata: four solutions in all. A second partner
-    tells the side.
+    decides the side.
     """
     partners = Counter(chain.from_iterable(setup.pairs))
     for pair in setup.pairs:

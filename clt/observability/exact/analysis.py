@@ -31,14 +31,16 @@ class Analysis:
     """Mirror images that no range can exclude."""
     remedies: tuple[Remedy, ...]
     state: tuple[ExactPose, ...]
-    """The random state at which the directions are told."""
+    """The random state at which the directions are named."""
 
     @property
     def nullity(self) -> int:
+        """Dimension of what is not observable."""
         return self.dimension - self.rank
 
     @property
     def observable(self) -> bool:
+        """Whether everything is."""
         return self.nullity == 0
 
     @property

@@ -2,7 +2,7 @@
 
 Where the rank drops at a special state, its null space may hold more than what never shows. Let
 F be all functions of all pairs. A motion v t + w t^2 / 2 leaves F the same to second order if and
-only if dF v = 0 and dF w = -v^T (d2F) v; where that has no solution w, ranges tell v to second
+only if dF v = 0 and dF w = -v^T (d2F) v; where that has no solution w, ranges determine v to second
 order: little at such a state, and the more the further the team is from it.
 """
 

@@ -23,7 +23,7 @@ from clt.observability.exact.states import ExactPose
 StateChange = dict[int, Fraction]
 """Column of the state -> its change."""
 MIN_LISTED_COMPONENT = 0.3
-"""Components of an unnamed direction are told from this share of its largest one."""
+"""Components of an unnamed direction are named from this share of its largest one."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Direction:
     components: Mapping[str, float]
     """`R1.x`, `R1.heading` ... -> change, in m and rad."""
     hidden: bool
-    """No range tells it at all; False where ranges tell it to second order."""
+    """No range depends on it; False where ranges do to second order."""
 
 
 def name_directions(
@@ -43,7 +43,7 @@ def name_directions(
     """Name a basis of a null space (dimension, k) at a state, what stays hidden first.
 
     At a special state motions of whole groups come first where they are hidden: they may combine
-    what each by itself is told to second order.
+    what each by itself is determined to second order.
     """
     reduced, pivots = column_echelon(space)
     stays = second_order_test(setup, state)
@@ -107,7 +107,7 @@ def _components(setup: Setup, change: StateChange) -> dict[str, float]:
 def _unnamed(
     setup: Setup, state: Sequence[ExactPose], reduced: Residues, k: int, mark: bool
 ) -> Direction:
-    """A direction that no candidate explains, told by its largest components.
+    """A direction that no candidate explains, named by its largest components.
 
     Its support is exact, its numbers are those of the matrix in floating point.
     """

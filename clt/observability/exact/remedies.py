@@ -139,7 +139,7 @@ def _motion(setup: Setup) -> Iterator[Addition]:
 
 
 def _freed(setup: Setup, robots: list[int], motion: Motion) -> Setup:
-    """The setup with some robots moving as told, of their own."""
+    """The setup with some robots moving as given, of their own."""
     for k in robots:
         setup = _with(setup, k, replace(setup.nodes[k], motion=motion))
     return replace(

@@ -27,6 +27,7 @@ class ExactPose:
 
     @property
     def heading(self) -> float:
+        """Counter-clockwise from +x, rad."""
         return math.atan2(self.s, self.c)
 
     def seen_from(self, other: ExactPose) -> ExactPose:

@@ -12,7 +12,12 @@ import numpy as np
 
 from clt.core.recording import Floats, Indices
 from clt.observability.windows.reference import ReferenceTrajectories
-from clt.observability.windows.sweep import add_window_information
+from clt.observability.windows.sweep import (
+    WindowMotion,
+    WindowRanges,
+    WindowWorkspace,
+    add_window_information,
+)
 
 FIXED_INFORMATION = 1e8
 """Information (1 / m^2) that stands for a coordinate fixed by choice of the frame."""
@@ -43,10 +48,13 @@ def window_information(
     if framed:
         Y += frame_information(reference)
     add_window_information(
-        Y, start, start + length, before, table.a, table.b, reference.ends - centre,
-        table.weight_variance, first, path, reference.noise,
-        np.empty(size), np.empty(6), np.empty(6, np.int64),
-    )  # fmt: skip
+        Y,
+        start,
+        start + length,
+        WindowRanges(before, table.a, table.b, reference.ends - centre, table.weight_variance),
+        WindowMotion(first, path, reference.noise),
+        WindowWorkspace(np.empty(size), np.empty(6), np.empty(6, np.int64)),
+    )
     return information_at_end(reference, Y, start + length, centre)
 
 

@@ -14,7 +14,7 @@ from clt.core.start import median_period
 from clt.initialization.given.recorded import recorded_poses
 from clt.model.noise import DEFAULT_SIGMA_OMEGA, DEFAULT_SIGMA_V, first_known
 from clt.model.range_table import RangeTable, range_table
-from clt.model.settings import NoiseSettings
+from clt.model.settings import MAX_SETTING, NoiseSettings
 from clt.model.twist_segments import robot_segments
 from clt.observability.windows.track import RestingTrack, resting_track
 
@@ -65,8 +65,8 @@ def build_reference(recording: Recording, noise: NoiseSettings, dt: float) -> Re
         for robot in team.static
         if (place := _place(recording, robot, source)) is not None
     }
-    told = robots_of_known_position(recording)
-    known = {name: place for name, place in places.items() if name in told}
+    surveyed = robots_of_known_position(recording)
+    known = {name: place for name, place in places.items() if name in surveyed}
     state = tuple(
         robot
         for robot in team.robots
@@ -113,7 +113,7 @@ def robots_of_known_position(recording: Recording) -> frozenset[str]:
     """Static robots of known position.
 
     Empty where ranges made the frame (Shi): there the first one is the origin by choice, and of the
-    second only the distance is a question. A result log's initial poses tell it.
+    second only the distance is a question. A result log's initial poses say so.
     """
     static = recording.team.static
     start = recorded_poses(recording) or {}
@@ -125,7 +125,7 @@ def robots_of_known_position(recording: Recording) -> frozenset[str]:
 
 
 def has_motion(recording: Recording, robot: Robot) -> bool:
-    """Whether odometry, or an estimate made from it, tells how a robot moved."""
+    """Whether odometry, or an estimate made from it, shows how a robot moved."""
     return robot.name in recording.odometry or robot.name in recording.estimate
 
 
@@ -208,7 +208,7 @@ def _noise(
         assumed.append(Diagnostic("odometry_noise_assumed", robot.name, values=values))
         sigma = np.where(np.isnan(sigma), [DEFAULT_SIGMA_V, DEFAULT_SIGMA_OMEGA], sigma)
     interval = max(median_period(poses.stamp) * 1e-9, MIN_PERIOD_S)
-    return np.square(sigma) * interval * dt, assumed
+    return np.square(np.minimum(sigma, MAX_SETTING)) * interval * dt, assumed
 
 
 def usable_ranges(recording: Recording) -> Ranges:

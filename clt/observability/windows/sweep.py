@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from clt.core.recording import Floats, Indices
@@ -62,18 +64,55 @@ def lose_information(
                 Y[r, c] -= share * work[c]
 
 
+class WindowRanges(NamedTuple):
+    """The m ranges of a log, each taken at the end of its step."""
+
+    before: Indices
+    """How many lie before each of S steps, and in all, (S + 1,)."""
+    a: Indices
+    """Robot at the first end, (m,); -1 - k for the fixed robot k."""
+    b: Indices
+    ends: Floats
+    """Positions of both, (m, 2, 2), m."""
+    variance: Floats
+    """(m,), m^2."""
+
+
+class WindowMotion(NamedTuple):
+    """How n robots moved in S steps."""
+
+    first: Indices
+    """Columns of each in the state, (n + 1,)."""
+    path: Floats
+    """x, y (m), cosine and sine of the heading at mid-step, (n, S, 4)."""
+    noise: Floats
+    """Variance that each step adds along the heading and to it, (n, S, 2)."""
+
+
+class WindowWorkspace(NamedTuple):
+    """Scratch for a state of d numbers."""
+
+    work: Floats
+    """(d,)."""
+    g: Floats
+    """Entries of a gradient, (6,)."""
+    at: Indices
+    """Their columns, (6,)."""
+
+
 @compiled_noalloc
 def add_window_information(
-    Y: Floats, start: Indices, stop: Indices, before: Indices, a: Indices, b: Indices,
-    ends: Floats, variance: Floats, first: Indices, path: Floats, noise: Floats,
-    work: Floats, g: Floats, at: Indices,
-) -> None:  # fmt: skip
-    """Information of windows from steps `start` up to `stop` (w,), added to Y (w, d, d).
-
-    before (S + 1,): ranges before each step; a, b, ends (m, 2, 2) and variance of the ranges;
-    first (n + 1,): columns of the robots; path (n, S, 4): x, y, cos, sin at mid-step; noise
-    (n, S, 2). The ranges of a step are taken at its end. work (d,), g (6,), at (6,) are scratch.
-    """
+    Y: Floats,
+    start: Indices,
+    stop: Indices,
+    ranges: WindowRanges,
+    motion: WindowMotion,
+    scratch: WindowWorkspace,
+) -> None:
+    """Information of windows from steps `start` up to `stop` (w,), added to Y (w, d, d)."""
+    before, a, b, ends, variance = ranges
+    first, path, noise = motion
+    work, g, at = scratch
     for w in range(start.size):
         for k in range(start[w], stop[w]):
             for i in range(path.shape[0]):

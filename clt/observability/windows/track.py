@@ -1,7 +1,7 @@
 """Where a robot was at any time of a reference, and what odometry says that it did.
 
 A reference jitters: a laser by decimetres, an estimate as ranges pull at it. While a robot rests
-that would look like motion, which tells a heading. So its pose is held there.
+that would look like motion, which shows a heading. So its pose is held there.
 """
 
 from __future__ import annotations

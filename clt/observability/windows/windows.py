@@ -1,4 +1,4 @@
-"""What each window of a log can tell: rank, weakest direction, best standard deviation."""
+"""What each window of a log determines: rank, weakest direction, best standard deviation."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ OBSERVED_POSITION_SIGMA, OBSERVED_HEADING_SIGMA = 1.0, 0.5
 MIN_SCALED_INFORMATION = 1e-6
 """Scaled information below this is rounding."""
 MAX_SIGMA_FACTOR = 10.0
-"""A sigma beyond so many times those bounds is told as none."""
+"""A sigma beyond so many times those bounds is reported as none."""
 NOISE_STEP_S = 0.1
 """Of the grid on which odometry noise acts, s."""
 STARTS_PER_WINDOW = 4
@@ -221,12 +221,12 @@ def windows_as_list(found: WindowAnalysis) -> Sequence[Mapping[str, object]]:
 
 def _robot_as_dict(seen: RobotWindows, w: int) -> Mapping[str, object]:
     position, turn = float(seen.sigma_position[w]), float(seen.sigma_heading[w])
-    told: dict[str, object] = {
+    document: dict[str, object] = {
         "rank": int(seen.rank[w]),
         "weakest": seen.words[w],
         "direction": [float(value) for value in seen.weakest[w]],
         "sigma_position": position if np.isfinite(position) else None,
     }
     if not np.isnan(turn):
-        told["sigma_heading"] = turn if np.isfinite(turn) else None
-    return told
+        document["sigma_heading"] = turn if np.isfinite(turn) else None
+    return document

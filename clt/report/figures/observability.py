@@ -116,7 +116,9 @@ def draw_ranks(axes: Axes, found: WindowAnalysis) -> None:
     axes.set_ylim(count - 0.5, -0.5)
     if count <= MAX_ROBOT_LABELS:
         axes.set_yticks(range(count), list(found.robots))
-    axes.set_title("Numbers that a window alone cannot tell: green none, yellow 1, orange 2, red 3")
+    axes.set_title(
+        "Numbers that a window alone does not determine: green none, yellow 1, orange 2, red 3"
+    )
     axes.tick_params(length=0)
 
 

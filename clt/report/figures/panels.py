@@ -22,6 +22,7 @@ from clt.report.figures.paths import (
     draw_name,
     draw_path,
     draw_start,
+    ellipse_keys,
     keep_names_inside,
 )
 from clt.report.figures.style import ALARM_COLOUR, GREY_COLOUR, INK_COLOUR, robot_colour, style_axes
@@ -82,7 +83,7 @@ def draw_trajectories(axes: Axes, recording: Recording, evaluation: Evaluation) 
     keep_names_inside(axes)
     style_axes(axes)
     static = not evaluation.relative and len(recording.team.static) > 0
-    _add_legend(axes, static=static, bounded=len(axes.patches) > 0)
+    _add_legend(axes, static=static)
 
 
 def _draw_unscored(
@@ -154,14 +155,13 @@ def _draw_static(axes: Axes, recording: Recording, evaluation: Evaluation) -> No
             axes.plot(*place[:2], "s", color=INK_COLOUR, markersize=10, fillstyle="none", zorder=5)
 
 
-def _add_legend(axes: Axes, *, static: bool, bounded: bool) -> None:
+def _add_legend(axes: Axes, *, static: bool) -> None:
     lines: list[Line2D | Patch] = [
         Line2D([], [], color=robot_colour(0), linewidth=1.5, label="estimate"),
         Line2D([], [], color=INK_COLOUR, linewidth=0.8, dashes=(5, 4), label="truth"),
         Line2D([], [], color=GREY_COLOUR, linewidth=0.7, label="dead reckoning"),
     ]
-    if bounded:
-        lines.append(Patch(facecolor=robot_colour(0), alpha=0.3, label="3-sigma ellipse"))
+    lines += ellipse_keys(axes)
     if static:
         lines.append(
             Line2D([], [], color=INK_COLOUR, marker="s", linestyle="", label="static robot")

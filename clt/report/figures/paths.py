@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import Ellipse
+from matplotlib.patches import Ellipse, Patch
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation
 
@@ -76,3 +76,13 @@ def draw_ellipses(axes: Axes, points: Floats, covariance: Floats, shade: str) ->
             zorder=2,
         )
         axes.add_patch(patch)
+
+
+def ellipse_keys(axes: Axes) -> list[Patch]:
+    """What a legend says of the ellipses, in the colour of the first that is drawn."""
+    drawn = [patch for patch in axes.patches if isinstance(patch, Ellipse)]
+    label = "3-sigma ellipse"
+    return [
+        Patch(facecolor=one.get_facecolor(), edgecolor=one.get_edgecolor(), label=label)
+        for one in drawn[:1]
+    ]

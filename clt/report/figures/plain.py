@@ -23,6 +23,7 @@ from clt.report.figures.paths import (
     draw_name,
     draw_path,
     draw_start,
+    ellipse_keys,
     keep_names_inside,
 )
 from clt.report.figures.sight import TrajectoryMap, trajectory_map
@@ -205,8 +206,7 @@ def _add_legend(axes: Axes, recording: Recording, sight: TrajectoryMap) -> None:
     shade = next(iter(drawn), INK_COLOUR)
     if len(sight.tracks) > 0:
         lines.append(Line2D([], [], color=shade, linewidth=1.5, label=what))
-    if any(covariance is not None for _, _, covariance in sight.tracks.values()):
-        lines.append(Patch(facecolor=shade, alpha=0.3, label="3-sigma ellipse"))
+    lines += ellipse_keys(axes)
     if len(sight.truth) > 0:
         lines.append(Line2D([], [], color=INK_COLOUR, linewidth=0.8, dashes=(5, 4), label="truth"))
     if len(sight.reckoned) > 0:

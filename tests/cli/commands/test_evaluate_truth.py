@@ -36,7 +36,7 @@ def tum(file: Path, poses: Poses) -> Path:
         for stamp, x, y, h in zip(poses.stamp, poses.x, poses.y, poses.heading, strict=True)
     ]
     text = ("\n".join(lines) + "\n").encode()
-    file.write_bytes(gzip.compress(text) if file.suffix == ".gz" else text)
+    file.write_bytes(gzip.compress(text, mtime=0) if file.suffix == ".gz" else text)
     return file
 
 

@@ -14,6 +14,7 @@ from clt.cli.app import app
 from clt.core.recording import Robot, Team
 from clt.log.recording.metadata import TEAM_RECORD, encode_team
 from tests.log.logs import odometry_message, range_message, small_log, write_log
+from tests.machine import times_slower
 
 SECOND = 10**9
 
@@ -167,7 +168,7 @@ def test_a_third_of_a_million_messages_within_a_second(clt, tmp_path):
     path.write_bytes(write_log({"/R1/uwb/range": ("range", rows)}, options={"chunk_size": 1 << 20}))
     began = time.process_time()
     code, out, _ = clt("info", path, "--json")
-    assert time.process_time() - began < 5.0
+    assert time.process_time() - began < 5.0 * times_slower()
     assert code == 0
     assert json.loads(out)["ranges"] == 330_000
 

@@ -205,9 +205,10 @@ def test_a_recorded_start_comes_first(clt, tmp_path):
     assert told["robots"]["R3"]["x"] == 1.0
     write(tmp_path / "bad.mcap", recording, {"initial_poses": "no"})
     code, _, err = clt("init", "bad.mcap")
-    assert (code, err.splitlines()[-1]) == (
-        1, "clt: error: the log's metadata clt.run: `initial_poses` is not a table of poses",
-    )  # fmt: skip
+    assert code == 1
+    assert err.splitlines()[-1] == (
+        "clt: error: bad.mcap: the log's metadata clt.run: `initial_poses` is not a table of poses"
+    )
 
 
 @pytest.mark.parametrize(

@@ -94,8 +94,24 @@ def test_a_file_with_the_pose_of_one_robot_starts_all(anchored, tmp_path):
     out = tmp_path / "out.mcap"
     done = run("localize", anchored, "-o", out, "--init", tmp_path / "one.toml")
     assert done.exit_code == 0
-    assert "initial poses of R3: not in the file" in done.stderr
+    assert f"initial poses of R3: not in {tmp_path / 'one.toml'}; from ranges" in done.stderr
     assert set(load(out).recording.estimate) >= {"R2", "R3"}
+
+
+def test_the_truth_of_robots_that_a_file_leaves_out_is_named_not_taken(log, tmp_path):
+    recording = load(log).recording
+    ranges = recording.ranges
+    one = {name: column[:1] for name, column in vars(ranges).items() if name != "topic"}
+    path, out = tmp_path / "one_range.mcap", tmp_path / "out.mcap"
+    with path.open("wb") as file:
+        save(file, replace(recording, ranges=replace(ranges, **one)), {})
+    (tmp_path / "one.toml").write_text("[R1]\nx = 0.0\ny = 0.0\nheading = 0.0\n")
+    done = run("localize", path, "-o", out, "--init", tmp_path / "one.toml")
+    assert done.exit_code == 3
+    assert f"R2: the ground truth is not used beside {tmp_path / 'one.toml'}" in done.stderr
+    assert "clt init LOG --method truth -o FILE" in done.stderr
+    assert set(load(out).recording.estimate) == {"R1"}
+    assert "ground truth" not in run("localize", path, "-o", out, "--init", "truth").stderr
 
 
 def test_a_range_of_absurd_sigma_ends_no_start(log, tmp_path):

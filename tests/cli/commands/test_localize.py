@@ -222,7 +222,7 @@ def test_truth_is_needed_only_to_start_from_it(clt, tmp_path, poses):
         save(file, replace(recording, truth={}), {})
     code, _, err = clt("localize", "bare.mcap", "-o", "out.mcap", "--init", "truth")
     assert code == 1
-    assert err.startswith("clt: error: no ground truth for R3")
+    assert err.startswith("clt: error: bare.mcap: no ground truth for R3")
     assert clt("localize", "bare.mcap", "-o", "out.mcap", "--init", "poses.toml")[0] == 0
     assert clt("localize", "bare.mcap", "-o", "auto.mcap")[0] == 0
     assert clt("localize", "in.mcap", "-o", "motion.mcap", "--init", "motion")[0] == 0

@@ -178,8 +178,11 @@ def test_nothing_is_ever_known_of_the_heading_of_a_static_robot(clt, folder, fil
     assert clt(*words, "--force", "-q")[0] == 0
     words = ("--frame", "ego:R3", "--init", "pairwise", "--filter", filter_, "--force")
     code, _, err = clt("localize", "still.mcap", "-o", "still-out.mcap", *words)
-    assert code == 0 or filter_ == "pf", err  # so few particles may see two places
-    for poses in load(folder / "still-out.mcap").recording.estimate.values():
+    assert code in ({0} if filter_ == "mixture" else {0, 3}), err  # particles may see two places
+    estimate = load(folder / "still-out.mcap").recording.estimate
+    assert set(estimate) == {"R1", "R2"}
+    for poses in estimate.values():
+        assert poses.stamp.size > 100
         np.testing.assert_allclose(poses.covariance[:, 2, 2], np.pi**2 / 3.0, rtol=1e-9)
     if filter_ == "mixture":
         told = scores(clt, "still-out.mcap")

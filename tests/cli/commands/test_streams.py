@@ -99,6 +99,26 @@ def test_the_lab_with_turtles(tmp_path):
     assert told["ranges"] > 0
 
 
+def test_topics_that_name_the_anchor_only_are_ranges_of_the_robot_that_drives(tmp_path):
+    topics = {"/odom": "odometry", "/mocap/A1_still/pose": "pose", "/front/range": RANGE}
+    topics |= {f"/uwb/A{k}/distance": FLOAT for k in (0, 1, 2)}
+    file, told = drafted(log(tmp_path / "x.mcap", topics))
+    assert file["robots"] == {
+        "robot": {"odometry": "/odom"},
+        "A0": {"static": True},
+        "A1": {"static": True, "ground_truth": "/mocap/A1_still/pose"},
+        "A2": {"static": True},
+    }
+    assert file["ranges"] == [{"topic": "/uwb/{target}/distance", "source": "robot"}]
+    assert told["ranges"] == 6
+
+
+def test_which_robot_measured_is_open_where_several_drive(tmp_path):
+    topics = {"/tb1/odom": "odometry", "/tb2/odom": "odometry", "/uwb/A1/distance": FLOAT}
+    file, told = drafted(log(tmp_path / "x.mcap", topics))
+    assert (file.get("ranges"), told["ranges"]) == (None, 0)
+
+
 def test_seven_nodes_are_one_pattern(tmp_path):
     topics = {
         f"/uwb/tof/n_{a}/n_{b}/distance": RANGE for a in range(1, 8) for b in range(1, 8) if a != b

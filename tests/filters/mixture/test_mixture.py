@@ -12,7 +12,11 @@ from clt.core.geometry import relative_pose, wrap_angle
 from clt.core.start import Hypothesis, InitialPose, Start
 from clt.estimation.estimators import Estimator, localize_recording
 from clt.filters.kalman.gaussian import solve_ekf
-from clt.filters.mixture.gaussian_sum import make_gaussian_sum
+from clt.filters.mixture.gaussian_sum import (
+    fuse_range,
+    make_gaussian_sum,
+    make_mixture_output,
+)
 from clt.filters.mixture.mixture import solve_mixture
 from clt.filters.mixture.reduction import (
     make_merge_workspace,
@@ -27,7 +31,7 @@ from clt.model.choices import FrameSpec
 from clt.model.mixture_moments import ROWS, leading_mode_probability
 from clt.model.problem import build_problem
 from clt.model.settings import FilterSettings
-from tests.filters.teams import team_recording
+from tests.filters.teams import standing_pair, team_recording
 from tests.messages import failings, remarks
 
 SETTINGS = FilterSettings()
@@ -63,7 +67,9 @@ def relative_error(recording, problem, solution):
 def bank_of(mean, covariance, room=50):
     """A bank with one Gaussian over one block."""
     problem = pair_problem(team_recording(moving=2, seconds=1.0), (0.1, 0.1, 0.1))
-    return make_gaussian_sum(Belief(np.zeros(1), mean[None], covariance[None]), problem, room)
+    return make_gaussian_sum(
+        Belief(np.zeros(1), mean[None], covariance[None]), problem, room, hold=False
+    )
 
 
 def total(bank):
@@ -362,3 +368,40 @@ def test_same_numbers_on_every_run():
     first, second = (solve_mixture(problem, SETTINGS) for _ in range(2))
     for name in ("mean", "covariance", "share", "residual"):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+
+
+def turn_sigma(x, P):
+    """Standard deviation of the turn about the ego that the rest leaves to one block, rad."""
+    N = np.array([-x[1], x[0], 1.0])
+    return 1.0 / np.sqrt(N @ np.linalg.solve(P, N))
+
+
+@pytest.mark.parametrize("hold", [True, False])
+def test_ranges_from_a_robot_that_stands_leave_the_turn_about_it(hold):
+    recording = standing_pair(3)
+    problem = pair_problem(recording, (0.5, 0.5, 0.5), (0.3, -0.4, 0.2))
+    bank = make_gaussian_sum(problem.belief, problem, 1, hold=hold)
+    trace = make_mixture_output(problem.outputs, problem.ranges)
+    known = turn_sigma(bank.mean[0], bank.covariance[0])
+    for m in range(problem.ranges.stamp.size):
+        fuse_range(
+            bank, problem.space, problem.segments, problem.lever, problem.ranges, m, 0.0, trace
+        )
+    left = turn_sigma(bank.mean[0], bank.covariance[0])
+    assert (left == pytest.approx(known, rel=1e-6)) == hold
+    assert hold or left < 0.99 * known
+
+
+def test_outputs_say_that_the_turn_leads_along_a_circle():
+    """Also where one Gaussian is left: precisely ranged, it is as wide as its circle is bent."""
+    recording = standing_pair(3)
+    settings = FilterSettings(mixture={"components": 1})
+    problem = pair_problem(recording, (0.5, 0.5, 0.5))
+    solution = solve_mixture(problem, settings)
+    x, P = solution.mean[-1], solution.covariance[-1]
+    along = x[:2] / np.hypot(*x[:2])
+    inside = solution.belief.covariance[0]
+    sag = 0.75 * turn_sigma(x, inside) ** 4 * float(x[:2] @ x[:2])
+    assert sag > 1e-5
+    assert along @ P[:2, :2] @ along > 0.8 * sag
+    assert along @ inside[:2, :2] @ along < along @ P[:2, :2] @ along

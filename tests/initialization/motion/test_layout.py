@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy.optimize import least_squares
 
-from clt.initialization.motion import realizations
+from clt.initialization.motion import layout, layout_fit, layout_outliers, realizations
 from clt.initialization.motion.layout import estimate_layout, reflect_at_line
 from clt.initialization.pair_distances import PairDistances
 
@@ -234,6 +235,58 @@ def test_what_was_not_searched_is_not_sure(monkeypatch):
     assert not estimate_layout(pairs, 6, {}).searched
 
 
+def with_outliers(pairs, *rows):
+    distance = pairs.distance.copy()
+    distance[list(rows)] += 2.0
+    return PairDistances(pairs.a, pairs.b, distance, pairs.sigma)
+
+
+def test_the_most_suspicious_distances_are_tried_first(monkeypatch):
+    """With hardly any work allowed the outliers are found all the same."""
+    points = spread_out(9, 4)
+    pairs = with_outliers(pairs_of(points, np.random.default_rng(3)), 7, 20)
+    monkeypatch.setattr(layout_outliers, "OUTLIER_WORK", 0)
+    found = estimate_layout(pairs, 9, {})
+    assert np.flatnonzero(~found.used).tolist() == [7, 20]
+    assert found.searched
+    np.testing.assert_allclose(found.position, in_shi_s_frame(points), atol=0.1)
+
+
+def test_a_search_for_outliers_that_is_cut_off_is_not_sure(monkeypatch):
+    points = spread_out(9, 4)
+    pairs = with_outliers(pairs_of(points, np.random.default_rng(3)), *range(0, 36, 4))
+    monkeypatch.setattr(layout_outliers, "OUTLIER_WORK", 0)
+    found = estimate_layout(pairs, 9, {})
+    assert (found.searched, found.used.all()) == (False, True)
+
+
+def test_distances_that_fit_nothing_cost_no_more_than_the_work_allowed(monkeypatch):
+    """No fit and no search goes on and on: of large layouts, which no work at all makes of this."""
+    rng = np.random.default_rng(1)
+    points = spread_out(12, 1)
+    left_out = {end for end in combinations(range(12), 2) if rng.random() > 0.5}
+    pairs = pairs_of(points, rng, left_out)
+    pairs = with_outliers(pairs, *range(0, pairs.a.size, 3))
+    steps = []
+
+    def counted(*arguments, **options):
+        found = least_squares(*arguments, **options)
+        steps.append(found.nfev)
+        return found
+
+    monkeypatch.setattr(layout_fit, "least_squares", counted)
+    for module, name in (
+        (layout_fit, "FIT_WORK"),
+        (layout, "RESTART_WORK"),
+        (layout_outliers, "OUTLIER_WORK"),
+        (realizations, "WORK"),
+    ):
+        monkeypatch.setattr(module, name, 0)
+    assert not estimate_layout(pairs, 12, {}).searched
+    assert max(steps) == layout_fit.MIN_FIT_STEPS
+    assert len(steps) < 60
+
+
 def test_reflections_of_many_nodes_take_little_memory():
     rng = np.random.default_rng(2)
     points = in_shi_s_frame(rng.uniform(0.0, 30.0, (60, 2)))
@@ -243,7 +296,8 @@ def test_reflections_of_many_nodes_take_little_memory():
     free = np.ones((60, 2), np.bool_)
     free[0], free[1, 1] = False, False
     tracemalloc.start()
-    starts = realizations.reflected_layouts(realizations.LayoutGraph(pairs, free, False), points)
+    graph = realizations.LayoutGraph(pairs, free, False)
+    starts = realizations.reflected_layouts(graph, points, np.ones(60, np.bool_))
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert len(starts) == realizations.MAX_REFITTED_REFLECTIONS

@@ -6,15 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clt.core.geometry import rotation_matrix, wrap_angle
-from clt.initialization.pairwise.branch_and_bound import (
-    CELL_FARTHEST,
-    CELL_NEAREST,
-    COST_MARGIN,
-    HALF_PHI,
-    HALF_THETA,
-    first_sweep_pair,
-    search_cells,
-)
+from clt.initialization.pairwise.branch_and_bound import COST_MARGIN, first_sweep_pair, search_cells
+from clt.initialization.pairwise.descents import CELL_FARTHEST, CELL_NEAREST, HALF_PHI, HALF_THETA
 from clt.initialization.pairwise.likelihood import (
     AT_DISTANCE,
     COST,

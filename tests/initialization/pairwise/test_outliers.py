@@ -5,7 +5,16 @@ import pytest
 
 from clt.core.geometry import wrap_angle
 from clt.initialization.pairwise.likelihood import make_cost_workspace
-from clt.initialization.pairwise.outliers import normalized_residuals, polar_to_pose, pose_to_polar
+from clt.initialization.pairwise.outliers import (
+    MAX_CANDIDATE_POSES,
+    SAME_CANDIDATE_LIMITS,
+    candidate_poses,
+    explain_ranges,
+    normalized_residuals,
+    polar_to_pose,
+    pose_to_polar,
+    poses_within,
+)
 from clt.initialization.pairwise.pairwise import solve_pair
 from tests.initialization.pairwise.pair_costs import residuals_and_covariance
 from tests.initialization.pairwise.winding import measured, still, track, winding
@@ -99,3 +108,29 @@ def test_polar_coordinates_tell_the_pose():
         np.testing.assert_allclose(
             polar_to_pose(there, *pose_to_polar(there, pose)), pose, atol=1e-12
         )
+
+
+def test_candidate_poses_are_few_and_no_two_are_alike():
+    pair, _ = winding(np.random.default_rng(12), 20, 0.05, 0.0)
+    pair.z[[3, 7]] += 3.0
+    found = candidate_poses(pair, turns=True)
+    assert 2 < len(found) <= MAX_CANDIDATE_POSES
+    for k, one in enumerate(found):
+        assert not any(poses_within(one, other, SAME_CANDIDATE_LIMITS) for other in found[:k])
+
+
+def test_too_few_ranges_have_no_candidates():
+    pair, _ = winding(np.random.default_rng(12), 4, 0.05, 0.0)
+    assert candidate_poses(pair, turns=True) == []
+
+
+def test_an_explanation_takes_all_that_fits_and_nothing_else():
+    pair, pose = winding(np.random.default_rng(13), 20, 0.05, 0.0)
+    pair.z[[3, 7]] += 3.0
+    found = explain_ranges(pair, pose, turns=True)
+    assert found.rows.tolist() == [k for k in range(20) if k not in {3, 7}]
+    place, turn = off(found.pose, pose)
+    assert place < 0.3
+    assert turn < 0.2
+    pair.z[[0, 1, 2, 4, 5, 6]] += 3.0
+    assert explain_ranges(pair, pose, turns=True) is None

@@ -23,6 +23,7 @@ from clt.log.mcap.records import MCAP_MAGIC, AttachmentRecord, Header, Metadata
 from clt.log.mcap.scan import Channel, McapScan
 from clt.log.mcap.table import Messages, message_heads
 from tests.log.logs import LZ4, NONE, ZSTD, range_message, small_log, write_log
+from tests.machine import times_slower
 
 COMPRESSIONS = [NONE, LZ4, ZSTD]
 
@@ -253,7 +254,7 @@ DAMAGED = {
 def test_a_damaged_chunk_costs_only_itself(name):
     began = time.process_time()
     rows, faults, *_ = scan(file(GOOD, DAMAGED[name], GOOD))
-    assert time.process_time() - began < 5.0
+    assert time.process_time() - began < 5.0 * times_slower()
     assert [row[4] for row in rows] == [b"kept", b"kept"]
     (fault,) = faults
     assert fault.kind == "chunk"
@@ -268,7 +269,7 @@ def test_a_chunk_of_empty_records_ends_soon():
     rows, faults, *_ = scan(
         file(GOOD, chunk(b"", packed=packed, compression="zstd", size=256 << 20, crc=0))
     )
-    assert time.process_time() - began < 15.0
+    assert time.process_time() - began < 15.0 * times_slower()
     assert len(rows) == 1
     assert kinds(faults) == {"chunk"}
 
@@ -439,6 +440,7 @@ def test_no_python_object_per_message():
     """The table is numpy throughout."""
     one = McapScan(BytesIO(small_log()), "x")
     tables = [event for event in one if isinstance(event, Messages)]
+    assert sum(table.channel.size for table in tables) > 0
     for table in tables:
         for name in ("channel", "log_time", "offset", "length"):
             assert getattr(table, name).dtype in {np.dtype(np.int32), np.dtype(np.int64)}

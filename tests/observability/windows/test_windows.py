@@ -197,6 +197,7 @@ def test_more_noise_tells_less():
     quiet, loud = (
         found(simulate(scenario(**{"sensors.range.sigma": sigma}))) for sigma in (0.05, 0.5)
     )
+    assert len(quiet.robots) == 2
     for name, seen in quiet.robots.items():
         assert np.all(seen.sigma_position < loud.robots[name].sigma_position)
 
@@ -211,6 +212,7 @@ def test_correlated_ranges_tell_less():
         )
         for tau in (0.0, 1.0)
     )
+    assert len(white.robots) == 2
     for name, seen in white.robots.items():
         assert np.all(seen.sigma_position < slow.robots[name].sigma_position)
 

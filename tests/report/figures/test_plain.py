@@ -74,6 +74,13 @@ def test_truth_of_some_robots(synthetic):
         (drawn,) = lines(main, robot_colour(k))
         assert drawn[:, 0] == pytest.approx(recording.estimate[name].x)
     assert sum(isinstance(patch, Ellipse) for patch in main.patches) == 2 * 12
+    (legend,) = fig.legends
+    keys = {
+        text.get_text(): patch
+        for patch, text in zip(legend.legend_handles, legend.texts, strict=True)
+    }
+    # R1 has the truth; the ellipses are those of R2 and R3.
+    assert to_hex(keys["3-sigma ellipse"].get_facecolor()) == robot_colour(1).lower()
     assert "no truth: R2, R3" in figure.evaluation_subtitle(recording, evaluation)
 
 

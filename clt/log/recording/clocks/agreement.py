@@ -70,10 +70,12 @@ class ClockSegment:
 
     @property
     def stamp(self) -> Stamps:
+        """The stream's stamps, ns."""
         return self.stream.stamp[self.which]
 
     @property
     def log_time(self) -> Stamps:
+        """When they were recorded, ns."""
         return self.stream.log_time[self.which]
 
 

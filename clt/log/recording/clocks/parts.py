@@ -31,6 +31,7 @@ class LogPart:
 
     @property
     def roles(self) -> frozenset[str]:
+        """Roles of the streams that lie in it."""
         return frozenset(role for role, _ in self.streams)
 
     @property

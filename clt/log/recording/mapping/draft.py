@@ -156,7 +156,7 @@ def _aliases(ranges: Sequence[TopicGuess]) -> dict[str, list[str]]:
     for one in ranges:
         for robot, label in zip(one.ends, one.labels, strict=True):
             known = found.setdefault(robot, [])
-            if label not in {robot, *known}:
+            if label not in {"", robot, *known}:
                 known.append(label)
     return found
 
@@ -170,6 +170,7 @@ def _id_lines(name: str, ranges: Sequence[TopicGuess]) -> list[str]:
 
 
 RangeGroups = dict[tuple[str, str, str | None], list[TopicGuess]]
+"""By shape, type and field."""
 
 
 def _groups(ranges: Sequence[TopicGuess]) -> RangeGroups:
@@ -190,8 +191,11 @@ def _range_tables(groups: RangeGroups) -> Iterator[str]:
         lines = [_line(f"topic = {topic}", f"{total}{kind}, {count} messages")]
         if field is not None:
             lines.append(_line(f"field = {toml_string(field)}", f"of {kind}"))
-        if not many and len(one.ends) == 2:
-            for key, robot, label in zip(("source", "target"), one.ends, one.labels, strict=True):
+        for key, robot, label in zip(("source", "target"), one.ends, one.labels, strict=False):
+            if label == "":
+                why = "the only robot with odometry: check it"
+                lines.append(_line(f"{key} = {toml_string(robot)}", why))
+            elif not many:
                 why = "" if label == robot else f"{label}, by the number: check it"
                 lines.append(_line(f"{key} = {toml_string(robot)}", why))
         if len(one.ends) == 2 or kind == CLT_RANGE_TYPE:
@@ -203,19 +207,21 @@ def _range_tables(groups: RangeGroups) -> Iterator[str]:
 
 
 def _shape(one: TopicGuess) -> str | None:
-    """The topic as a pattern of both ends, if that gives the ends back."""
+    """The topic as a pattern of the ends that it names, if that gives them back."""
     if len(one.ends) != 2:
         return None
     source, target = one.labels
     at = one.topic.rfind(target)
     head, tail = one.topic[:at], one.topic[at + len(target) :]
-    begin = head.find(source)
-    if begin < 0:
-        return None
-    shape = f"{head[:begin]}{{source}}{head[begin + len(source) :]}{{target}}{tail}"
-    match = compile_topic_pattern(shape, {"source": [source], "target": [target]}).fullmatch(
-        one.topic
-    )
+    words = {"target": [target]}
+    if source != "":
+        begin = head.find(source)
+        if begin < 0:
+            return None
+        head = f"{head[:begin]}{{source}}{head[begin + len(source) :]}"
+        words["source"] = [source]
+    shape = f"{head}{{target}}{tail}"
+    match = compile_topic_pattern(shape, words).fullmatch(one.topic)
     return None if match is None else shape
 
 

@@ -46,7 +46,7 @@ class TopicGuess:
     ends: tuple[str, ...] = ()
     """Robots: one of odometry and truth, two of a range, none where that stays open."""
     labels: tuple[str, ...] = ()
-    """The same as the topic calls them."""
+    """The same as the topic calls them; empty for an end that it does not name."""
     field: str | None = None
     """Path of the range where the type does not say it."""
 
@@ -84,13 +84,31 @@ def guess_topics(topics: Mapping[str, Topic]) -> list[TopicGuess]:
         drivers = _robots_by_truth(truth)
     robot_of_label = drivers | _robots_by_label(list(mentioned), drivers)
     ranges = [
-        one
+        _name_other_end(one, drivers)
         if (pair := pairs[one.topic]) is None
         else replace(one, labels=pair, ends=tuple(robot_of_label[label] for label in pair))
         for one in ranges
     ]
     ranges = [one for one in ranges if len(set(one.ends)) == len(one.ends)]
+    robot_of_label |= {
+        label: robot
+        for one in ranges
+        for label, robot in zip(one.labels, one.ends, strict=True)
+        if label != ""
+    }
     return [*odometry, *_name_truth(truth, robot_of_label), *ranges]
+
+
+def _name_other_end(one: TopicGuess, drivers: Mapping[str, str]) -> TopicGuess:
+    """A range whose topic names one node: that to which the only robot that drives measured."""
+    robots, labels = set(drivers.values()), robot_labels(one.topic)
+    if len(robots) != 1 or len(labels) != 1 or one.type == CLT_RANGE_TYPE:
+        return one
+    (driver,), label = robots, labels[0]
+    node = label_number(label) is not None or label_letters(label) in ANCHOR_LETTERS
+    if not node or label in drivers or label.lower() == driver.lower():
+        return one
+    return replace(one, labels=("", label), ends=(driver, robot_name(label)))
 
 
 def _guess_topic(topic: Topic) -> TopicGuess | None:

@@ -1,0 +1,272 @@
+"""What `clt record` does: options checked, a recording run or decoded again, and summed up."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from clt.cli.console import EXIT_FAILED, Console
+from clt.cli.inputs import Inputs
+from clt.cli.messages.render import diagnostic_text
+from clt.cli.provenance import run_record
+from clt.cli.recording_display import open_display
+from clt.cli.reports.record_report import print_record_summary
+from clt.cli.stopping import stop_with
+from clt.core.diagnostics import Diagnostic
+from clt.core.errors import CltError, UsageError
+from clt.core.recording import Team
+from clt.devices.host_clock import NS_PER_SECOND, HostClock, SystemTime
+from clt.devices.intake import Intake
+from clt.devices.log_parts import LogParts, part_path
+from clt.devices.messages import LOG_TYPE
+from clt.devices.raw_log import SOURCES_KEY, START_KEY, OldEvent, read_raw_log
+from clt.devices.recorder import Recorder, RecorderOptions
+from clt.devices.source_spec import (
+    SourceSpec,
+    check_sources,
+    override,
+    parse_source,
+    sources_of_file,
+    store_sources,
+)
+from clt.devices.summary import nothing_decoded, source_figures, summary_diagnostics
+from clt.devices.team import GrowingTeam, read_team
+from clt.log.output import STDOUT, open_output
+
+SIZE_UNITS = {"": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
+LATEST_EPOCH_S = float(2**31 - 1)
+
+
+@dataclass(frozen=True)
+class RecordCommand:
+    """The options of `clt record`."""
+
+    output: Path
+    source_words: tuple[str, ...]
+    sources: Path | None
+    team: Path | None
+    duration_s: float | None
+    count: int | None
+    split_size: str | None
+    split_duration_s: float | None
+    flush_s: float
+    stall_s: float
+    reconnect: bool
+    min_free: str
+    epoch_s: float | None
+    force: bool
+    as_json: bool
+
+    def check(self) -> None:
+        """Raise UsageError for a number that makes no sense."""
+        positive = {
+            "--duration": self.duration_s,
+            "--count": self.count,
+            "--split-duration": self.split_duration_s,
+            "--flush": self.flush_s,
+        }
+        for name, value in positive.items():
+            if value is not None and not (isfinite(value) and value > 0):
+                raise UsageError(f"{name} {value:g}: give a number above 0")
+        if not (isfinite(self.stall_s) and self.stall_s >= 0.0):
+            raise UsageError(f"--stall {self.stall_s:g}: give seconds, or 0 for never")
+        if self.epoch_s is not None and not 0.0 <= self.epoch_s < LATEST_EPOCH_S:
+            raise UsageError(f"--epoch {self.epoch_s:g}: give seconds since 1970")
+        parts = self.split_size is not None or self.split_duration_s is not None
+        if self.output == STDOUT and (parts or self.as_json):
+            other = "--json" if self.as_json else "splitting"
+            raise UsageError(f"{other} and -o - do not go together; name a file")
+
+        if self.split_size is not None:
+            size_in_bytes("--split-size", self.split_size)
+
+    @property
+    def split_bytes(self) -> int | None:
+        """Size from which a new file is begun; None for no limit."""
+        return None if self.split_size is None else size_in_bytes("--split-size", self.split_size)
+
+    @property
+    def splits(self) -> bool:
+        """Whether there are several files."""
+        return self.split_size is not None or self.split_duration_s is not None
+
+
+def size_in_bytes(option: str, text: str) -> int:
+    """`512MB`, `1.5GB`, `1000`. Raises UsageError."""
+    match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)\s*([KMGT]?B?)", text.strip(), re.IGNORECASE)
+    unit = "" if match is None else match[2].upper().removesuffix("B")
+    size = -1.0 if match is None else float(match[1]) * SIZE_UNITS[f"{unit}B" if unit else ""]
+    if size < 0 or (option == "--split-size" and size < 1):
+        raise UsageError(f"{option} {text}: give a size such as 512MB")
+    return int(size)
+
+
+def given_sources(command: RecordCommand, inputs: Inputs) -> list[SourceSpec]:
+    """The sources of the command line and of the file. Raises UsageError."""
+    document = inputs["sources"]
+    specs = [] if document is None else sources_of_file(document)
+    return specs + [parse_source(text) for text in command.source_words]
+
+
+def known_team(inputs: Inputs) -> Team | None:
+    """The robots of the team file, if there is one."""
+    document = inputs["team"]
+    return None if document is None else read_team(document)
+
+
+def check_target(command: RecordCommand, inputs: Inputs) -> None:
+    """Raise CltError unless the log, or the parts of it, may be written."""
+    if not command.splits:
+        inputs.check(command.output, command.force)
+        return
+    inputs.check(part_path(command.output, 0), command.force)
+    taken = sorted(command.output.parent.glob(f"{command.output.stem}_[0-9]*"))
+    taken = [path for path in taken if path.suffix == command.output.suffix]
+    if len(taken) > 0 and not command.force:
+        raise CltError(f"{taken[0]}: exists; use --force to overwrite it")
+
+
+@contextmanager
+def opened_parts(
+    command: RecordCommand, metadata: Mapping[str, Mapping[str, str]]
+) -> Iterator[LogParts]:
+    """The log, written under its final name from the start."""
+    split_s = command.split_duration_s
+    options: dict[str, Any] = {
+        "force": command.force,
+        "flush_s": command.flush_s,
+        "split_bytes": command.split_bytes,
+        "split_ns": None if split_s is None else round(split_s * NS_PER_SECOND),
+    }
+    if command.output == STDOUT:
+        with open_output(STDOUT) as file:
+            yield LogParts(STDOUT, metadata, stream=file, **options)
+        return
+    try:
+        yield LogParts(command.output, metadata, **options)
+    except OSError as error:
+        if error.filename is None:
+            raise CltError(f"{command.output}: {error.strerror or error}") from error
+        raise
+
+
+def record_sources(command: RecordCommand, console: Console) -> int:
+    """Record until it is ended; returns the exit code."""
+    command.check()
+    inputs = Inputs.of(sources=command.sources, team=command.team)
+    specs = given_sources(command, inputs)
+    if len(specs) == 0:
+        raise UsageError(
+            "no source given; e.g. --source uwb=serial:/dev/ttyACM0,proto=rcl, or --sources FILE"
+        )
+    check_sources(specs)
+    team = known_team(inputs)
+    min_free = size_in_bytes("--min-free", command.min_free)
+    check_target(command, inputs)
+    clock = HostClock(SystemTime())
+    with open_display(console) as display:
+
+        def on_event(found: Diagnostic) -> None:
+            display.clear()
+            console.report([found])
+
+        recorder = Recorder(
+            specs,
+            RecorderOptions(
+                command.duration_s,
+                command.count,
+                command.stall_s,
+                command.reconnect,
+                min_free,
+            ),
+            clock,
+            words=diagnostic_text,
+            on_event=on_event,
+            on_status=display.show,
+        )
+        recorder.open()
+        start = clock.now_ns()
+        first = start if command.epoch_s is None else round(command.epoch_s * NS_PER_SECOND)
+        run = run_record(
+            inputs.digests({}), **{SOURCES_KEY: store_sources(specs), START_KEY: str(first)}
+        )
+        with closing(recorder), opened_parts(command, {"clt.run": run}) as parts:
+            stop_with(lambda number: stop(recorder, number))
+            intake = Intake(parts, specs, GrowingTeam(team), first, command.count)
+            recorder.run(intake, parts)
+    return sum_up(command, console, intake, parts, (clock.now_ns() - start) / NS_PER_SECOND)
+
+
+def stop(recorder: Recorder, number: int) -> None:
+    """A signal came: finish the log; only a second Ctrl-C leaves out what still waits."""
+    if number == signal.SIGINT or not recorder.is_stopping:
+        recorder.stop()
+
+
+def record_again(command: RecordCommand, log: Path, console: Console) -> int:
+    """Decode the raw bytes of a log again; returns the exit code."""
+    command.check()
+    inputs = Inputs.of(log, sources=command.sources, team=command.team)
+    raw = read_raw_log(log)
+    specs = override(raw.sources, given_sources(command, inputs))
+    check_sources(specs)
+    check_target(command, inputs)
+    first = raw.start_ns if command.epoch_s is None else round(command.epoch_s * NS_PER_SECOND)
+    run = run_record(
+        inputs.digests({}), **{SOURCES_KEY: store_sources(specs), START_KEY: str(first)}
+    )
+    begin: int | None = None
+    last = 0
+    with opened_parts(command, {"clt.run": run}) as parts:
+        intake = Intake(parts, specs, GrowingTeam(known_team(inputs)), first, command.count)
+        for event in raw.events():
+            last = event.log_time if isinstance(event, OldEvent) else event.chunk.host_ns
+            begin = last if begin is None else begin
+            if isinstance(event, OldEvent):
+                log_time = intake.log_time(last)
+                parts.write(parts.channel("/clt/log", LOG_TYPE), log_time, log_time, event.payload)
+            else:
+                intake.take(event.source, event.chunk)
+            if intake.full:
+                break
+        intake.finish(last)
+        parts.finish()
+    console.report_faults(raw.faults)
+    elapsed = (last - (last if begin is None else begin)) / NS_PER_SECOND
+    return sum_up(command, console, intake, parts, elapsed)
+
+
+def sum_up(
+    command: RecordCommand,
+    console: Console,
+    intake: Intake,
+    parts: LogParts,
+    duration_s: float,
+) -> int:
+    """Say what the recording came to; returns the exit code."""
+    tallies = intake.tallies
+    console.report(summary_diagnostics(tallies))
+    figures = {name: source_figures(tally) for name, tally in tallies.items()}
+    names = [str(path) for path in parts.paths]
+    log = str(command.output) if not command.splits else names[0]
+    if command.as_json:
+        document: dict[str, Any] = {"log": log, "duration": duration_s, "sources": figures}
+        if command.splits:
+            document["logs"] = names
+        document["warnings"] = console.warnings
+        document["diagnostics"] = console.diagnostics
+        print(json.dumps(document))
+    else:
+        out = sys.stderr if command.output == STDOUT else sys.stdout
+        print_record_summary(names, duration_s, tallies, parts.size, out)
+    if nothing_decoded(tallies):
+        return EXIT_FAILED
+    return console.code

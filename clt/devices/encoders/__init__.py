@@ -1,0 +1,1 @@
+"""Samples into the bytes of devices: an encoder beside every decoder."""

@@ -1,0 +1,145 @@
+"""The log that a recording goes to, perhaps in parts: each is a log of its own.
+
+A part is opened before the one before it is ended; it repeats all channels and metadata.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from clt.core.errors import CltError
+from clt.devices.whole_file import WholeFile
+from clt.log.mcap.live_writer import DiskFullError, LiveWriter
+
+
+def part_path(path: Path, number: int) -> Path:
+    """`run.mcap`, part 3: `run_003.mcap`."""
+    return path.with_name(f"{path.stem}_{number:03d}{path.suffix}")
+
+
+class LogParts:
+    """One log, or several, written under their final names."""
+
+    def __init__(
+        self,
+        path: Path,
+        metadata: Mapping[str, Mapping[str, str]],
+        *,
+        force: bool = False,
+        flush_s: float = 1.0,
+        split_bytes: int | None = None,
+        split_ns: int | None = None,
+        stream: Any = None,
+    ) -> None:
+        """`stream`: an open file to write to instead of `path`. Raises CltError."""
+        self._path = path
+        self._metadata = {name: dict(record) for name, record in metadata.items()}
+        self._force = force
+        self._flush_s = flush_s
+        self._split_bytes = split_bytes
+        self._split_ns = split_ns
+        self._splits = split_bytes is not None or split_ns is not None
+        self._stream = stream
+        self._channels: dict[tuple[str, str], int] = {}
+        self._began_ns: int | None = None
+        self._earlier_bytes = 0
+        self.paths: list[Path] = []
+        self._file, self._writer = self._open()
+
+    @property
+    def size(self) -> int:
+        """Bytes of all parts so far."""
+        return self._earlier_bytes + self._writer.size
+
+    def channel(self, topic: str, schema: str) -> int:
+        number = self._channels.get((topic, schema))
+        if number is None:
+            number = self._channels[topic, schema] = self._writer.channel(topic, schema)
+        return number
+
+    def metadata(self, name: str, record: Mapping[str, str]) -> None:
+        self._metadata[name] = dict(record)
+        self._writer.metadata(name, record)
+
+    def write(self, channel: int, log_time: int, publish_time: int, payload: bytes) -> None:
+        if self._splits and self._is_due(log_time):
+            self._next(log_time)
+        self._writer.write(channel, log_time, publish_time, payload)
+
+    def flush(self) -> None:
+        """Let everything reach the file."""
+        self._writer.flush()
+
+    def finish(self) -> None:
+        """End the log properly. Raises DiskFullError where its end had to be given up."""
+        try:
+            self._writer.finish()
+        finally:
+            self._close()
+
+    def close_full(self) -> None:
+        """After DiskFullError, which ended the log already."""
+        self._close()
+
+    def _is_due(self, log_time: int) -> bool:
+        if self._split_bytes is not None and self._writer.expected_size >= self._split_bytes:
+            return True
+        if self._began_ns is None:
+            self._began_ns = log_time
+        began = self._began_ns
+        return (
+            self._split_ns is not None
+            and began is not None
+            and (log_time - began >= self._split_ns)
+        )
+
+    def _next(self, log_time: int) -> None:
+        """Go on in a new part."""
+        file, writer = self._file, self._writer
+        self._file, self._writer = self._open()
+        for topic, schema in self._channels:
+            self._writer.channel(topic, schema)
+        self._began_ns = log_time
+        try:
+            writer.finish()
+        except DiskFullError:
+            self._drop_part()
+            raise
+        finally:
+            self._earlier_bytes += writer.size
+            file.close()
+
+    def _drop_part(self) -> None:
+        """A part that was begun when the disk was full already."""
+        self._close()
+        self.paths.pop().unlink(missing_ok=True)
+
+    def _open(self) -> tuple[Any, LiveWriter]:
+        if self._stream is not None:
+            self.paths.append(self._path)
+            return self._stream, LiveWriter(self._stream, self._metadata, self._flush_s)
+        path = part_path(self._path, len(self.paths)) if self._splits else self._path
+        try:
+            file: Any = WholeFile(path, force=self._force)
+        except FileExistsError:
+            raise CltError(f"{path}: exists; use --force to overwrite it") from None
+        except OSError as error:
+            raise CltError(f"{path}: {error.strerror or error}") from None
+        self.paths.append(path)
+        return file, LiveWriter(file, self._metadata, self._flush_s)
+
+    def _close(self) -> None:
+        if self._stream is None:
+            self._file.close()
+
+
+def free_bytes(path: Path) -> int | None:
+    """Room on the disk of a file; None where nobody knows."""
+    try:
+        found = os.statvfs(path.resolve().parent)
+    except (OSError, AttributeError):
+        return None
+    return found.f_bavail * found.f_frsize

@@ -1,0 +1,341 @@
+"""A recording: sources are read in threads of their own, one writer decodes and writes it all."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from clt.core.diagnostics import Diagnostic
+from clt.devices.decoders.table import find_decoder
+from clt.devices.host_clock import NS_PER_SECOND, HostClock
+from clt.devices.inbox import Content, Dropped, Ended, Inbox, Opened
+from clt.devices.intake import Intake
+from clt.devices.log_parts import LogParts, free_bytes
+from clt.devices.messages import LOG_TYPE, event_payload
+from clt.devices.source_reader import SourceReader
+from clt.devices.source_spec import SourceSpec
+from clt.devices.sources.source import Chunk, Connection, DisconnectedError, Opening
+from clt.devices.sources.table import find_source
+from clt.devices.tally import Tally
+from clt.log.mcap.live_writer import DiskFullError
+
+WAIT_S = 0.005
+"""The writer looks around so often, at least: devices that are polled want it."""
+SHOW_NS = NS_PER_SECOND // 4
+"""Between two states that are displayed."""
+CHECK_S = 1.0
+"""Between looks at disk and clocks."""
+BUSY_FILL = 0.5
+"""From this fill of the inbox on, what cannot wait is kept raw only."""
+WALL_STEP_S = 0.05
+"""A wall clock that was set by more is reported."""
+UNDECODED_AFTER_S = 3.0
+"""Bytes of which nothing decodes are reported after so long."""
+SHARED_BLOCK_BYTES = 1024
+"""Read at a time of several files, so that they advance together."""
+JOIN_S = 5.0
+
+
+@dataclass(frozen=True)
+class RecorderOptions:
+    """How a recording goes and when it ends."""
+
+    duration_s: float | None = None
+    count: int | None = None
+    """Messages other than raw."""
+    stall_s: float = 5.0
+    reconnect: bool = True
+    min_free_bytes: int = 0
+    start_ns: int | None = None
+    """First stamp of bytes of the past; None: when the recording starts."""
+    busy_fill: float = BUSY_FILL
+
+
+class SourceStatus(NamedTuple):
+    """What a display shows of one source."""
+
+    name: str
+    tally: Tally
+    connected: bool
+
+
+class Status(NamedTuple):
+    """What a display shows."""
+
+    elapsed_s: float
+    log_bytes: int
+    inbox_fill: float
+    now_ns: int
+    sources: tuple[SourceStatus, ...]
+
+
+class Recorder:
+    """Records until the sources end, a limit is reached or `stop` is called."""
+
+    def __init__(
+        self,
+        specs: Sequence[SourceSpec],
+        options: RecorderOptions,
+        clock: HostClock,
+        *,
+        words: Callable[[Diagnostic], str],
+        on_event: Callable[[Diagnostic], None],
+        on_status: Callable[[Status], None],
+        inbox: Inbox | None = None,
+    ) -> None:
+        """`words` says what goes into the log of events; `on_event` and `on_status` display."""
+        self.specs = tuple(specs)
+        self.options = options
+        self._clock = clock
+        self._words, self._on_event, self._on_status = words, on_event, on_status
+        self._inbox = Inbox() if inbox is None else inbox
+        self._pulled = [spec.name for spec in specs if spec.pulled]
+        self._readers = {spec.name: self._reader(spec) for spec in specs}
+        self._open: dict[str, Connection] = {}
+        self._left = {spec.name for spec in specs}
+        self._stopping = threading.Event()
+        self._hurry = threading.Event()
+        self._start = self._checked = clock.now_ns()
+        self._show_at = 0
+        self._warned: set[tuple[str, str]] = set()
+        self._overloaded: set[str] = set()
+
+    @property
+    def is_stopping(self) -> bool:
+        """Whether it was asked to end."""
+        return self._stopping.is_set()
+
+    def stop(self) -> None:
+        """End the recording; called again: without what still waits to be written."""
+        if self._stopping.is_set():
+            self._hurry.set()
+        self._stopping.set()
+        for reader in self._readers.values():
+            reader.stopping.set()
+
+    def open(self) -> None:
+        """Open all sources. Raises CltError for the first that does not."""
+        try:
+            for reader in self._readers.values():
+                reader.open()
+        except BaseException:
+            self.close()
+            raise
+
+    def run(self, intake: Intake, parts: LogParts) -> None:
+        """Record until the end and finish the log; a full disk ends it, too."""
+        self._start = self._checked = self._clock.now_ns()
+        for name, reader in self._readers.items():
+            if name not in self._pulled:
+                reader.start()
+            elif reader.connection is not None:
+                self._open[name] = reader.connection
+        try:
+            try:
+                self._loop(intake, parts)
+                self._drain(intake, parts)
+                intake.finish(self._clock.now_ns())
+                parts.finish()
+            except DiskFullError:
+                parts.close_full()
+                self._event(intake, None, Diagnostic("disk_full", str(parts.paths[-1]), "partial"))
+        finally:
+            self.close()
+            for name, reader in self._readers.items():
+                intake.sources[name].tally.lost += reader.lost
+
+    def _loop(self, intake: Intake, parts: LogParts) -> None:
+        while not self._stopping.is_set() and len(self._left) > 0 and not intake.full:
+            pulling = any(name in self._left for name in self._pulled)
+            for name, content in self._inbox.take(0.0 if pulling else WAIT_S):
+                self._handle(name, content, intake, parts)
+            if pulling:
+                self._pull(intake)
+            self._poll(intake)
+            now = self._clock.now_ns()
+            if now - self._checked >= CHECK_S * NS_PER_SECOND:
+                self._checked = now
+                self._check(now, intake, parts)
+            duration = self.options.duration_s
+            if duration is not None and now - self._start >= duration * NS_PER_SECOND:
+                break
+            if now >= self._show_at:
+                self._show_at = now + SHOW_NS
+                self._on_status(self._status(now, intake, parts))
+
+    def _drain(self, intake: Intake, parts: LogParts) -> None:
+        """Write what still waits."""
+        self._stopping.set()
+        for reader in self._readers.values():
+            reader.stopping.set()
+        full = intake.full
+        for name, reader in self._readers.items():
+            if name not in self._pulled:
+                reader.join(JOIN_S)
+        for name, content in self._inbox.take(0.0):
+            if isinstance(content, Chunk) and (self._hurry.is_set() or full):
+                intake.sources[name].tally.lost += content.data != b"" and not full
+                continue
+            self._handle(name, content, intake, parts)
+
+    def _handle(self, name: str, content: Content, intake: Intake, parts: LogParts) -> None:
+        """One item of the inbox."""
+        source = intake.sources[name]
+        match content:
+            case Chunk():
+                self._take(name, content, intake, parts)
+            case Opened():
+                self._open[name] = content.connection
+                self._send(name, intake.decoder(name).start())
+            case Ended():
+                self._left.discard(name)
+                self._open.pop(name, None)
+            case Dropped():
+                source.tally.lost += 1
+                intake.take(name, Chunk(self._clock.now_ns(), b""))
+                self._once(intake, parts, Diagnostic("bytes_dropped", name))
+            case Diagnostic():
+                if content.kind == "source_lost":
+                    self._open.pop(name, None)
+                if content.kind == "source_back":
+                    source.tally.reconnects += 1
+                self._event(intake, parts, content)
+        self._inbox.done(content)
+
+    def _take(self, name: str, chunk: Chunk, intake: Intake, parts: LogParts) -> None:
+        """Bytes: decoded, or kept raw only where the writer does not keep up."""
+        if intake.full:
+            return
+        tally = intake.sources[name].tally
+        restarts = tally.restarts
+        waits = self._readers[name].kind.waits
+        busy = not waits and self._inbox.fill > self.options.busy_fill
+        if busy != (name in self._overloaded):
+            self._overloaded ^= {name}
+            over = Diagnostic("overload_over", name, "information")
+            self._event(intake, parts, Diagnostic("overload", name) if busy else over)
+        intake.take(name, chunk, decode=not busy)
+        if tally.restarts > restarts:
+            self._event(intake, parts, Diagnostic("device_restarted", name, "warning"))
+
+    def _pull(self, intake: Intake) -> None:
+        """The next bytes of the file that is furthest behind."""
+        waiting = [name for name in self._pulled if name in self._left]
+        tallies = intake.sources
+        name = min(waiting, key=lambda one: tallies[one].tally.last_stamp_ns or 0)
+        try:
+            for chunk in self._open[name].read(0.0):
+                intake.take(name, chunk)
+                if intake.full:
+                    return
+        except EOFError:
+            self._left.discard(name)
+        except DisconnectedError:
+            self._left.discard(name)
+
+    def _poll(self, intake: Intake) -> None:
+        """Let decoders of devices that answer only ask."""
+        now = self._clock.host.mono_ns() * 1e-9
+        for name in tuple(self._open):
+            if name not in self._pulled:
+                self._send(name, intake.decoder(name).poll(now))
+
+    def _send(self, name: str, data: bytes) -> None:
+        connection = self._open.get(name)
+        if data == b"" or connection is None:
+            return
+        try:
+            connection.write(data)
+        except DisconnectedError:  # Its reader meets that, too, and says so.
+            self._open.pop(name, None)
+
+    def _check(self, now: int, intake: Intake, parts: LogParts) -> None:
+        """Once a second: disk, clocks, sources of which nothing is understood; a flush."""
+        parts.flush()
+        step = self._clock.wall_step_ns() / NS_PER_SECOND
+        if abs(step) > WALL_STEP_S:
+            values = {"step_s": step}
+            self._event(intake, parts, Diagnostic("wall_clock_set", "", "warning", values))
+        free = free_bytes(parts.paths[-1])
+        if free is not None and free < self.options.min_free_bytes:
+            low = Diagnostic("disk_low", str(parts.paths[-1]), "partial", {"free_bytes": free})
+            self._event(intake, parts, low)
+            self.stop()
+        for name, source in intake.sources.items():
+            tally = source.tally
+            begun = tally.first_arrival_ns
+            late = begun is not None and now - begun >= UNDECODED_AFTER_S * NS_PER_SECOND
+            if tally.frames == 0 and late:
+                seen = {"bytes": tally.bytes, "proto": tally.proto}
+                found = Diagnostic("nothing_decoded", name, values=seen)
+                self._once(intake, parts, found)
+            lost = self._readers[name].lost
+            if lost > 0:
+                found = Diagnostic("datagrams_lost", name, values={"lost": lost})
+                self._once(intake, parts, found)
+
+    def _once(self, intake: Intake, parts: LogParts, found: Diagnostic) -> None:
+        """A warning that is not repeated."""
+        key = (found.kind, found.subject)
+        if key not in self._warned:
+            self._warned.add(key)
+            self._event(intake, parts, found)
+
+    def _event(self, intake: Intake, parts: LogParts | None, found: Diagnostic) -> None:
+        """Say it, and keep it in the log."""
+        self._on_event(found)
+        if parts is not None:
+            log_time = intake.log_time(self._clock.now_ns())
+            channel = parts.channel("/clt/log", LOG_TYPE)
+            payload = event_payload(log_time, found.severity, found.subject, self._words(found))
+            parts.write(channel, log_time, log_time, payload)
+
+    def _status(self, now: int, intake: Intake, parts: LogParts) -> Status:
+        sources = tuple(
+            SourceStatus(name, source.tally, name in self._open)
+            for name, source in intake.sources.items()
+        )
+        elapsed = (now - self._start) / NS_PER_SECOND
+        return Status(elapsed, parts.size, self._inbox.fill, now, sources)
+
+    def _reader(self, spec: SourceSpec) -> SourceReader:
+        several = sum(one.pulled for one in self.specs) > 1
+        block = SHARED_BLOCK_BYTES if several else Opening.block_bytes
+        opening = Opening(self._clock, device_time_of(spec), block)
+        return SourceReader(
+            spec,
+            find_source(spec.url.scheme, f"source {spec.name}"),
+            opening,
+            self._inbox,
+            stall_s=self.options.stall_s,
+            reconnect=self.options.reconnect,
+        )
+
+    def close(self) -> None:
+        """Stop all readers and let go of their sources."""
+        for name, reader in self._readers.items():
+            reader.stopping.set()
+            if name in self._pulled and reader.connection is not None:
+                reader.connection.close()
+                reader.connection = None
+        for reader in self._readers.values():
+            reader.join(JOIN_S)
+            if reader.connection is not None:
+                reader.connection.close()
+
+
+def device_time_of(spec: SourceSpec) -> Callable[[bytes], float | None]:
+    """The latest device time of bytes in their order, s, by a decoder of its own; paces files."""
+    decoder = find_decoder(spec.proto, spec.name).make(spec.options, spec.name)
+    period = spec.join.period
+
+    def device_time(data: bytes) -> float | None:
+        times = [
+            sample.frame * period if sample.device_ns is None else sample.device_ns * 1e-9
+            for sample in decoder.feed(data)
+        ]
+        return times[-1] if len(times) > 0 else None
+
+    return device_time

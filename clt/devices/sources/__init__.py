@@ -1,0 +1,1 @@
+"""How bytes arrive: one kind of source per file, and the table of them."""

@@ -1,0 +1,66 @@
+"""Streams of clients that connect to us: `tcp-listen:HOST:PORT`; each is a stream of its own."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Sequence
+
+from clt.devices.host_clock import HostClock
+from clt.devices.sources.sockets import bound, check_address, readable
+from clt.devices.sources.source import Chunk, Opening, SourceKind, SourceUrl
+from clt.devices.sources.tcp import READ_BYTES
+
+MAX_CLIENTS = 64
+"""At one time; more wait until one leaves."""
+
+
+class TcpServer:
+    """A listening socket and its clients, which are numbered from 1; numbers are used again."""
+
+    def __init__(self, url: SourceUrl, clock: HostClock) -> None:
+        self.lost = 0
+        self._clock = clock
+        self._clients: dict[socket.socket, int] = {}
+        self._server = bound(url, socket.SOCK_STREAM)
+        self._server.listen()
+
+    def read(self, timeout_s: float) -> Sequence[Chunk]:
+        found: list[Chunk] = []
+        waiting = list(self._clients)
+        if len(waiting) < MAX_CLIENTS:
+            waiting.append(self._server)
+        for one in readable(waiting, timeout_s):
+            if one is self._server:
+                client, _ = self._server.accept()
+                taken = set(self._clients.values())
+                self._clients[client] = min(set(range(1, MAX_CLIENTS + 1)) - taken)
+                continue
+            try:
+                data = one.recv(READ_BYTES)
+            except OSError:
+                data = b""
+            found.append(Chunk(self._clock.now_ns(), data, self._clients[one]))
+            if data == b"":
+                del self._clients[one]
+                one.close()
+        return found
+
+    def write(self, data: bytes) -> None:
+        """Send to all clients; one that has left is noticed when it is read."""
+        for client in self._clients:
+            try:
+                client.sendall(data)
+            except OSError:
+                continue
+
+    def close(self) -> None:
+        for one in (*self._clients, self._server):
+            one.close()
+
+
+def open_tcp_listen(url: SourceUrl, opening: Opening) -> TcpServer:
+    """Listen."""
+    return TcpServer(url, opening.clock)
+
+
+TCP_LISTEN = SourceKind(open_tcp_listen, check_address)

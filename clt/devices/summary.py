@@ -1,0 +1,44 @@
+"""What a recording came to: figures of every source, and what was wrong with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from clt.core.diagnostics import Diagnostic
+from clt.devices.tally import Tally
+
+SUMMARY_FIELDS = (
+    "bytes", "frames", "samples", "skipped_bytes", "tail_bytes", "bad_frames", "lost",
+    "reconnects", "first_stamp_ns", "last_stamp_ns",
+)  # fmt: skip
+DAMAGE_FIELDS = ("lost", "bad_frames", "damaged_bytes", "undecoded_bytes", "reconnects")
+
+
+def source_figures(tally: Tally) -> dict[str, int | None]:
+    """The figures of one source, for `--json` and the log."""
+    return {name: getattr(tally, name) for name in SUMMARY_FIELDS}
+
+
+def nothing_decoded(tallies: Mapping[str, Tally]) -> bool:
+    """Whether no source gave a frame that was understood."""
+    return all(tally.frames == 0 for tally in tallies.values())
+
+
+def summary_diagnostics(tallies: Mapping[str, Tally]) -> Iterator[Diagnostic]:
+    """What the figures say."""
+    for name, tally in tallies.items():
+        if len(tally.named) > 0:
+            names = dict(sorted(tally.named.items()))
+            yield Diagnostic("robots_named", name, "information", {"names": names})
+        if len(tally.unknown_ids) > 0:
+            counts = dict(sorted(tally.unknown_ids.items()))
+            yield Diagnostic("unknown_ids", name, "warning", {"counts": counts})
+        if tally.unknown_turns > 0:
+            values = {"count": tally.unknown_turns}
+            yield Diagnostic("unknown_turns", name, "warning", values)
+        if tally.frames == 0 and tally.bytes > 0:
+            found = {"bytes": tally.bytes, "proto": tally.proto}
+            yield Diagnostic("nothing_decoded", name, "partial", found)
+        damage = {key: getattr(tally, key) for key in DAMAGE_FIELDS}
+        if any(count > 0 for count in damage.values()):
+            yield Diagnostic("source_damaged", name, "partial", damage)

@@ -1,0 +1,72 @@
+"""Bytes of devices for tests, and `clt record` in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import struct
+import subprocess
+import sys
+import time
+from functools import partial
+
+PATIENCE = 180.0
+
+
+def range_line(t, k=0, one="R1", other="R2", distance=None):
+    """A line of ndjson; every range is different."""
+    value = 1.0 + 0.001 * k if distance is None else distance
+    said = {"type": "range", "from": one, "to": other, "range": value, "t": t, "seq": k}
+    return json.dumps(said).encode() + b"\n"
+
+
+def odometry_line(t, v=0.5, w=0.1, node="R1"):
+    said = {"type": "odom", "node": node, "v": v, "w": w, "t": t}
+    return json.dumps(said).encode() + b"\n"
+
+
+def rcl_range(ms, one, other, distance):
+    payload = struct.pack("<IBBd", ms, one, other, distance)
+    return b"\xa5\x5a\x0f\x03" + payload + b"\xdd"
+
+
+def rcl_wheels(ms, node, interval, dx, dphi):
+    payload = struct.pack("<IBBfff", ms, node, interval, dx, 0.0, dphi)
+    return b"\xa5\x5a\x13\x02" + payload + b"\xdd"
+
+
+def rcl_inertial(ms, node, *values):
+    return b"\xa5\x5a\x12\x01" + struct.pack("<IB6h", ms, node, *values) + b"\xdd"
+
+
+def start(folder, *words, limit_blocks=None, stdin=subprocess.DEVNULL):
+    """`clt record` with these words; it answers Ctrl-C whatever the parent does."""
+    command = [sys.executable, "-m", "clt", "record", *words]
+    if limit_blocks is not None:
+        command = ["sh", "-c", f'ulimit -f {limit_blocks}; exec "$@"', "sh", *command]
+    return subprocess.Popen(
+        command,
+        cwd=folder,
+        env={name: text for name, text in os.environ.items() if not name.startswith("CLT_")},
+        stdin=stdin,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
+    )
+
+
+def until(condition, process=None):
+    """Wait until something is so."""
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert process is None or process.poll() is None, process.communicate()
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def ended(process, code=0):
+    """Standard output and error of a process that ends with this code."""
+    out, error = process.communicate(timeout=PATIENCE)
+    assert process.returncode == code, (process.returncode, out, error)
+    return out.decode(), error.decode()
