@@ -53,7 +53,7 @@ FILTERS = ("ekf", "ukf", "pf", "mixture")
 def read(data: Path, form: str, path: str, calibration: str) -> Recording:
     """One log, calibrated."""
     return apply_calibration(
-        IMPORT_FORMATS[form].read(data / path), read_calibration(HERE / calibration)
+        IMPORT_FORMATS[form].read((data / path,), None), read_calibration(HERE / calibration)
     )
 
 

@@ -35,6 +35,7 @@ from clt.core.recording import (
     Stamps,
     Team,
 )
+from clt.importers.matfile import read_mat_file
 
 MAT_FILE = "data190313.mat"
 SURVEY_FILE = "Data1.txt"
@@ -93,16 +94,7 @@ def _anchors(team: Team, truth: Mapping[str, Poses]) -> dict[str, Poses]:
 
 def _read_mat(path: Path) -> tuple[list[Any], list[Any]]:
     """The entries of `range_m` and of `robot`."""
-    from scipy.io import loadmat  # noqa: PLC0415 - slow to import, and only wanted here
-
-    try:
-        content = loadmat(str(path), appendmat=False, squeeze_me=True)
-    except FileNotFoundError as error:
-        raise LogError(f"{path}: {error.strerror}; give the folder that holds {MAT_FILE}") from None
-    except OSError as error:
-        raise LogError(f"{path}: {error.strerror or error}") from None
-    except Exception:  # noqa: BLE001 - scipy lets through whatever a broken file provokes
-        raise LogError(f"{path}: not a MATLAB 5 file, or a damaged one; {MAT_FILE} is") from None
+    content = read_mat_file(path, MAT_FILE)
     return _structs(content, "range_m", path), _structs(content, "robot", path)
 
 

@@ -160,6 +160,8 @@ def _baseline(
     transforms: Mapping[str, Transform],
 ) -> tuple[Mapping[str, Transform], list[Diagnostic]]:
     """Transforms of dead reckoning: by the same rule, else the estimate's (they share a frame)."""
+    if len(tracks) == 0:
+        return transforms, []
     try:
         return register(scene, tracks, align), []
     except CltError as error:

@@ -195,8 +195,11 @@ def test_missing_folder(tmp_path: Path) -> None:
         read_thu(tmp_path / "nowhere")
 
 
-def test_known_format() -> None:
-    assert IMPORT_FORMATS["thu"].read is read_thu
+def test_known_format(tmp_path: Path) -> None:
+    path = tmp_path / MAT_FILE
+    assert IMPORT_FORMATS["thu"].files((tmp_path,)) == (path, tmp_path / SURVEY_FILE)
+    with pytest.raises(LogError, match="No such file"):
+        IMPORT_FORMATS["thu"].read((path,), None)
 
 
 @pytest.fixture(scope="module")

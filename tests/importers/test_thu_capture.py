@@ -164,8 +164,11 @@ def test_unreadable(tmp_path: Path) -> None:
         read_capture(tmp_path)
 
 
-def test_known_format() -> None:
-    assert IMPORT_FORMATS["thu-capture"].read is read_capture
+def test_known_format(tmp_path: Path) -> None:
+    path = tmp_path / "nowhere"
+    assert IMPORT_FORMATS["thu-capture"].files((path,)) == (path,)
+    with pytest.raises(LogError, match="No such file"):
+        IMPORT_FORMATS["thu-capture"].read((path,), None)
 
 
 @pytest.fixture(scope="module")

@@ -93,8 +93,8 @@ def test_folder_file_and_packed_file_are_one(tmp_path):
     packed.parent.mkdir()
     packed.write_bytes(gzip.compress(path.read_bytes(), mtime=0))
     files = IMPORT_FORMATS["tiers"].files
-    assert files(path.parent) == (path,)
-    assert files(packed.parent) == (packed,)
+    assert files((path.parent,)) == (path,)
+    assert files((packed.parent,)) == (packed,)
     first = read_tiers(path)
     for other in (path.parent, packed, packed.parent):
         again = read_tiers(other)

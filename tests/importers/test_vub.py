@@ -154,7 +154,7 @@ def test_rows_that_make_no_sense_are_counted(tmp_path):
         "2.0,5.0",
         "then,6.0",
         "-4.0,6.0",
-        "1e3,6.0",
+        "1e30,6.0",
         "12345678901.0,6.0",
         "5.0",
         "6.0,7.0m",
@@ -188,7 +188,7 @@ def test_times_without_decimals_and_with_too_many(tmp_path):
         (b"t_unix_s,distance\n1.0,2.0\n", "no column `range_m`; it has: t_unix_s, distance"),
         (b"t_unix_s,range_m\n", "no row with a time and 1 number"),
         (b"t_unix_s,range_m\nx,y\n", "no row with a time and 1 number"),
-        (b"\xff\xfe\x00t", "not a CSV file"),
+        (b"\xff\xfe\x00t", "not a text file"),
         (gzip.compress(b"t_unix_s,range_m\n1.0,2.0\n" * 99, mtime=0)[:40], "a damaged gzip file"),
         (b"\x1f\x8b" + bytes(30), "a damaged gzip file"),
         (b't_unix_s,range_m\n1.0,"' + b"9" * 200_000 + b'"\n', "not a CSV file"),
@@ -206,8 +206,11 @@ def test_damaged_file(tmp_path, data, said):
     assert "\n" not in message
 
 
-def test_known_format():
-    assert IMPORT_FORMATS["vub"].read is read_vub
+def test_known_format(tmp_path):
+    experiment(tmp_path)
+    known = IMPORT_FORMATS["vub"]
+    assert known.files((tmp_path,)) == vub_files(tmp_path)
+    assert known.read((tmp_path,), None).team == read_vub(tmp_path).team
 
 
 def real(name):

@@ -16,6 +16,7 @@ from clt.cli.options import (
     VerboseOption,
 )
 from clt.cli.period import WHOLE_LOG, FromOption, Period, ToOption
+from clt.cli.reference import ReferenceFiles, TruthOffsetOption, TruthOption
 
 if TYPE_CHECKING:
     from typing import TextIO
@@ -61,6 +62,8 @@ def evaluate(
     delta: Annotated[
         str, typer.Option(metavar="1s|1m", help="Time or way that the relative error spans.")
     ] = "1s",
+    truth: TruthOption = None,
+    truth_offset: TruthOffsetOption = None,
     output: ReportOption = None,
     streams: StreamsOption = None,
     since: FromOption = None,
@@ -77,6 +80,7 @@ def evaluate(
     Examples:
       clt evaluate out.mcap
       clt evaluate run*.mcap --align se2 --json -o runs.json
+      clt evaluate out.mcap --truth R1=vicon.txt --truth-offset auto
     """
     import json
 
@@ -84,20 +88,21 @@ def evaluate(
     from clt.cli.inputs import Inputs
     from clt.cli.numbers import without_nan
     from clt.cli.period import parse_period
+    from clt.cli.reference import parse_reference
     from clt.core.diagnostics import Diagnostic
     from clt.core.errors import CltError, UsageError
     from clt.metrics.errors import parse_delta
     from clt.metrics.evaluation import EvaluateOptions
 
-    for option, value in (("--max-gap", max_gap), ("--max-diff", max_diff)):
-        if not 0.0 <= value <= MAX_OPTION_VALUE:
-            raise UsageError(f"{option} {value:g}: give seconds, from 0 to {MAX_OPTION_VALUE:g}")
+    check_seconds("--max-gap", max_gap)
+    check_seconds("--max-diff", max_diff)
     options = EvaluateOptions(align, associate, max_gap, max_diff, parse_delta(delta))
     period = parse_period(since, until)
-    if [str(log) for log in logs].count("-") > 1:
-        raise UsageError("standard input can be read only once: give `-` once")
+    reference = parse_reference(truth, truth_offset)
+    refuse_repeated_stdin(logs)
     console = Console(quiet, verbose)
-    inputs = Inputs.of(*logs, streams=streams)
+    apart = () if reference is None else reference.files
+    inputs = Inputs.of(*logs, *apart, streams=streams)
     inputs.check(output, force)
     found: dict[str, Evaluation] = {}
     objects: list[dict[str, object]] = []
@@ -106,7 +111,9 @@ def evaluate(
         for log in logs:
             already = len(console.diagnostics)
             try:
-                _, evaluation = evaluate_log(log, inputs["streams"], options, console, period)
+                _, evaluation = evaluate_log(
+                    log, inputs["streams"], options, console, period, reference
+                )
             except (CltError, OSError) as error:
                 if len(logs) == 1 or isinstance(error, UsageError):
                     raise
@@ -134,6 +141,22 @@ def evaluate(
     return EXIT_FAILED if len(found) < len(objects) else console.code
 
 
+def refuse_repeated_stdin(logs: list[Path]) -> None:
+    """Raise UsageError where standard input is to be read twice."""
+    from clt.core.errors import UsageError
+
+    if [str(log) for log in logs].count("-") > 1:
+        raise UsageError("standard input can be read only once: give `-` once")
+
+
+def check_seconds(option: str, value: float) -> None:
+    """Raise UsageError for what is no length of time."""
+    from clt.core.errors import UsageError
+
+    if not 0.0 <= value <= MAX_OPTION_VALUE:
+        raise UsageError(f"{option} {value:g}: give seconds, from 0 to {MAX_OPTION_VALUE:g}")
+
+
 def board_on(file: TextIO) -> Tables:
     """A console for tables; JSON needs none."""
     from clt.cli.reports.evaluate_report import table_console
@@ -147,9 +170,14 @@ def evaluate_log(
     options: EvaluateOptions,
     console: Console,
     period: Period = WHOLE_LOG,
+    reference: ReferenceFiles | None = None,
 ) -> tuple[Recording, Evaluation]:
-    """Read and evaluate a period of one log, and say what is wrong with it. Errors name the log."""
+    """Read and evaluate a period of one log, and say what is wrong with it. Errors name the log.
+
+    Its truth is that of `reference`, if given.
+    """
     from clt.cli.period import cut_to_period
+    from clt.cli.reference import apply_reference
     from clt.core.errors import CltError
     from clt.log.recording.load import load
     from clt.metrics.evaluate import evaluate as compare
@@ -157,6 +185,9 @@ def evaluate_log(
     recording = cut_to_period(load(log, streams, EVALUATE_ROLES), period)
     console.report_faults(recording.faults)
     try:
+        if reference is not None:
+            recording, found = apply_reference(recording, reference, streams)
+            console.report(found, about=str(log))
         evaluation = compare(recording, options)
     except CltError as error:
         raise type(error)(with_log_name(log, str(error))) from None

@@ -14,6 +14,7 @@ from clt.cli.options import (
     JsonOption,
     OutputOption,
     QuietOption,
+    StreamsOption,
     VerboseOption,
 )
 
@@ -38,6 +39,7 @@ def import_log(
     paths: Annotated[list[Path], typer.Argument(metavar="PATH...", help="What to import.")],
     output: OutputOption,
     calibration: CalibrationOption = None,
+    streams: StreamsOption = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
@@ -51,6 +53,8 @@ def import_log(
     Examples:
       clt import --list
       clt import thu range_only_CL/20190418 -o thu.mcap --calibration calibration.toml
+      clt import rosbag2 bag --streams streams.toml -o log.mcap
+      clt import csv ranges.csv R1.csv static.csv -o log.mcap
     """
     from clt.calibration.apply import KEY, apply_calibration, read_calibration
     from clt.cli.console import Console
@@ -66,15 +70,18 @@ def import_log(
         raise UsageError(
             f"unknown format `{form}`{did_you_mean(form, IMPORT_FORMATS)}; see clt import --list"
         )
-    if len(paths) > 1:
+    chosen = IMPORT_FORMATS[form]
+    if len(paths) > 1 and not chosen.several:
         raise UsageError(f"clt import {form} takes one PATH, not {len(paths)}")
+    if streams is not None and not chosen.streams:
+        raise UsageError(f"--streams maps the topics of a ROS 2 bag; {form} has none")
     refuse_two_outputs(as_json, output)
-    files = IMPORT_FORMATS[form].files(paths[0])
-    inputs = Inputs.of(*files, calibration=calibration)
+    files = chosen.files(tuple(paths))
+    inputs = Inputs.of(*files, calibration=calibration, streams=streams)
     inputs.check(output, force)
     document = inputs["calibration"]
     settings = None if document is None else read_calibration(document)
-    recording = IMPORT_FORMATS[form].read(paths[0])
+    recording = chosen.read(tuple(paths), inputs["streams"])
     console.report_faults(recording.faults)
     if settings is not None:
         recording = apply_calibration(recording, settings)
@@ -93,6 +100,8 @@ def print_import_summary(
     """What is in the log now: one object on stdout, or a few words on stderr."""
     import json
 
+    from clt.importers.columns import NOTES_KEY
+
     counts = {
         "odometry": {name: len(stream.stamp) for name, stream in recording.odometry.items()},
         "truth": {name: len(stream.stamp) for name, stream in recording.truth.items()},
@@ -106,4 +115,6 @@ def print_import_summary(
         f"{robot.name} (static)" if robot.static else robot.name for robot in recording.team.robots
     )
     console.say(f"{log}: {team}; {counts['ranges']} ranges{' (calibrated)' if applied else ''}")
+    for note in json.loads(recording.run.get(NOTES_KEY, "[]")):
+        console.detail(note)
     console.detail(f"samples of odometry: {counts['odometry']}, of truth: {counts['truth']}")

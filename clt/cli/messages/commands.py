@@ -7,5 +7,8 @@ from clt.cli.messages.words import Texts
 COMMAND_TEXTS: Texts = {
     "part_used": "{subject}: {text}",
     "log_failed": "{error}",
+    "truth_offset_estimated": "time offset of the truth: {offset_s:+.4f} s, estimated from the "
+    "motion (correlation {correlation:.3f})",
+    "truth_offset_given": "time offset of the truth: {offset_s:+.6g} s, as given",
     "not_scored": "{error}; drawn without errors",
 }

@@ -87,7 +87,7 @@ def test_same_input_same_bytes(folder: Path, tmp_path: Path) -> None:
 def test_list() -> None:
     result = clt("--list")
     assert result.exit_code == 0
-    assert result.stdout.startswith("thu ")
+    assert "\nthu          Tsinghua" in result.stdout
 
 
 def test_unknown_format(folder: Path, tmp_path: Path) -> None:
