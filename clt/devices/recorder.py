@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from clt.core.diagnostics import Diagnostic
-from clt.devices.decoders.table import find_decoder
+from clt.devices.device_time import device_time_of
 from clt.devices.host_clock import NS_PER_SECOND, HostClock
 from clt.devices.inbox import Content, Dropped, Ended, Inbox, Opened
 from clt.devices.intake import Intake
@@ -334,18 +334,3 @@ class Recorder:
             reader.join(JOIN_S)
             if reader.connection is not None:
                 reader.connection.close()
-
-
-def device_time_of(spec: SourceSpec) -> Callable[[bytes], float | None]:
-    """The latest device time of bytes in their order, s, by a decoder of its own; paces files."""
-    decoder = find_decoder(spec.proto, spec.name).make(spec.options, spec.name)
-    period = spec.join.period
-
-    def device_time(data: bytes) -> float | None:
-        times = [
-            sample.frame * period if sample.device_ns is None else sample.device_ns * 1e-9
-            for sample in decoder.feed(data)
-        ]
-        return times[-1] if len(times) > 0 else None
-
-    return device_time
