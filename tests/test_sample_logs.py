@@ -17,7 +17,7 @@ from mcap.stream_reader import StreamReader
 from typer.testing import CliRunner
 
 from clt.cli.app import app
-from clt.log.mcap import write
+from clt.log.mcap import log_file
 
 FOLDER = Path(__file__).parents[1] / "sample_logs"
 README = (FOLDER / "README.md").read_text()
@@ -80,7 +80,7 @@ def test_content_is_what_is_said_and_not_how_it_is_compressed(clt, tmp_path, mon
     line = "clt simulate shi-sim --duration 1 -o"
     clt(f"{line} a.mcap")
     clt(f"{line} b.mcap --set sensors.range.sigma=0.1001")
-    monkeypatch.setitem(write.COMPRESSORS, "zstd", lambda data: zstandard.compress(data, 19))
+    monkeypatch.setitem(log_file.COMPRESSORS, "zstd", lambda data: zstandard.compress(data, 19))
     clt(f"{line} c.mcap")
     a, b, c = (tmp_path / f"{name}.mcap" for name in "abc")
     assert a.read_bytes() != c.read_bytes()

@@ -62,7 +62,7 @@ COMMANDS = {
     ),
     "emit": CommandEntry(
         "clt.cli.commands.emit:emit",
-        "Play a log out as the bytes of a device, to be recorded without hardware.",
+        "Play a log out as the bytes of a device, for `clt record` without hardware.",
     ),
     "streams": CommandEntry(
         "clt.cli.commands.streams:streams",

@@ -62,6 +62,8 @@ class SourceStatus(NamedTuple):
     name: str
     tally: Tally
     connected: bool
+    lost: int
+    """Of samples and datagrams so far."""
 
 
 class Status(NamedTuple):
@@ -304,7 +306,9 @@ class Recorder:
 
     def _status(self, now: int, intake: Intake, parts: LogParts) -> Status:
         sources = tuple(
-            SourceStatus(name, source.tally, name in self._open)
+            SourceStatus(
+                name, source.tally, name in self._open, source.tally.lost + self._readers[name].lost
+            )
             for name, source in intake.sources.items()
         )
         elapsed = (now - self._start) / NS_PER_SECOND

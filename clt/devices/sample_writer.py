@@ -116,8 +116,8 @@ class SampleWriter:
                 if tally.first_stamp_ns is None:
                     tally.first_stamp_ns = stamp
                 tally.last_stamp_ns = stamp
-        if self.team.changed:
-            write_team(self.sink, self.team)
+            if self.team.changed:
+                write_team(self.sink, self.team)
         tally.samples += written
         return written
 

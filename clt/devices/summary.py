@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from clt.core.diagnostics import Diagnostic
+from clt.core.diagnostics import Diagnostic, Severity
 from clt.devices.tally import Tally
 
 SUMMARY_FIELDS = (
@@ -32,7 +32,8 @@ def summary_diagnostics(tallies: Mapping[str, Tally]) -> Iterator[Diagnostic]:
             yield Diagnostic("robots_named", name, "information", {"names": names})
         if len(tally.unknown_ids) > 0:
             counts = dict(sorted(tally.unknown_ids.items()))
-            yield Diagnostic("unknown_ids", name, "warning", {"counts": counts})
+            severity: Severity = "warning" if tally.samples > 0 else "partial"
+            yield Diagnostic("unknown_ids", name, severity, {"counts": counts})
         if tally.unknown_turns > 0:
             values = {"count": tally.unknown_turns}
             yield Diagnostic("unknown_turns", name, "warning", values)

@@ -21,7 +21,10 @@ NOW = 1_700_000_000_000_000_000
 def status(elapsed, frames, connected=True):
     tally = Tally("rcl", bytes=2_500_000, frames=frames, bad_frames=3, arrived_ns=NOW - 400_000_000)
     tally.last_value = ("range", "R1-R2", 3.21)
-    sources = (SourceStatus("uwb", tally, connected), SourceStatus("odo", Tally("vesc"), True))
+    sources = (
+        SourceStatus("uwb", tally, connected, 407),
+        SourceStatus("odo", Tally("vesc"), True, 0),
+    )
     return Status(elapsed, 1_234_567, 0.25, NOW, sources)
 
 
@@ -32,7 +35,7 @@ def test_a_line_every_ten_seconds(capsys):
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 3
     assert lines[0] == (
-        "10 s, 1.2 MB; uwb 1000 frames/s, range R1-R2 3.210 m, 3 bad, 0 bytes skipped, 0 lost, "
+        "10 s, 1.2 MB; uwb 1000 frames/s, range R1-R2 3.210 m, 3 bad, 0 bytes skipped, 407 lost, "
         "0.4 s ago; odo 0 frames/s, -, 0 bad, 0 bytes skipped, 0 lost, nothing yet"
     )
 

@@ -9,7 +9,6 @@ import struct
 import subprocess
 import sys
 import time
-from functools import partial
 
 PATIENCE = 180.0
 
@@ -52,8 +51,14 @@ def start(folder, *words, limit_blocks=None, stdin=subprocess.DEVNULL):
         stdin=stdin,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
+        preexec_fn=heed_signals,  # noqa: PLW1509 - nothing but signals
     )
+
+
+def heed_signals():
+    """Signals end this process, even if the parent was started to ignore them."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
 
 
 def until(condition, process=None):
