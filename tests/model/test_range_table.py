@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clt.core.recording import Ranges, Robot, Team
+from clt.core.recording import Team
 from clt.model.noise import (
     DEFAULT_SIGMA_RANGE,
     inflated_variances,
@@ -18,6 +18,7 @@ from clt.model.noise import (
 from clt.model.range_table import range_table
 from clt.model.settings import MAX_SETTING, NoiseSettings
 from tests.messages import texts
+from tests.model.range_tables import TEAM, ranges, table_of
 
 MS = 1_000_000
 QUIET = NoiseSettings(sigma_v=0.2, sigma_omega=0.1)
@@ -64,32 +65,6 @@ def test_correlation_at_its_limits():
     same = inflated_variances(variance, np.zeros(2, np.int64), pair, 1.0)
     assert np.isfinite(same).all()
     assert np.all(same > 1e6)
-
-
-TEAM = Team(
-    (
-        Robot("A1", 1, static=True, position=(1.0, 2.0)),
-        Robot("A2", 2, static=True, position=(5.0, 6.0)),
-        Robot("R1", 3),
-        Robot("R2", 4),
-        Robot("R3", 5),
-    ),
-    range_sigma=0.1,
-)
-
-
-def ranges(rows, sigma=np.nan):
-    """(stamp, source, target, range) per row."""
-    stamp, source, target = (np.array([row[k] for row in rows], np.int64) for k in range(3))
-    value = np.array([row[3] for row in rows], float)
-    told = np.broadcast_to(np.asarray(sigma, float), value.shape)
-    return Ranges(stamp, stamp, source, target, value, value, told, np.arange(stamp.size))
-
-
-def table_of(measured, noise=QUIET, start=0, end=100, state=None):
-    """R1 and R2 in the state, A1 and A2 fixed, R3 nowhere."""
-    anchors = {k: np.array(TEAM.robots[k].position) for k in (0, 1)}
-    return range_table(measured, TEAM, state or {2: 0, 3: 1}, anchors, noise, start, end)
 
 
 def test_a_range_needs_both_ends_placed_and_one_in_the_state():
@@ -174,3 +149,16 @@ def test_a_correlation_beyond_every_log_leaves_variances_finite():
 def test_a_sigma_of_any_size_leaves_a_finite_variance():
     table, _ = table_of(ranges([(1, 0, 2, 3.0)], sigma=[1e300]))
     assert table.variance.tolist() == [MAX_SETTING**2]
+
+
+@pytest.mark.parametrize("tau", [0.02, 0.1, 0.5])
+def test_correlated_ranges_tell_as_much_as_their_mean(tau):
+    """The variance of the mean of n correlated errors is that of n white ones, so widened."""
+    n, dt = 20_000, 0.01
+    lag = np.arange(n)
+    rho = np.exp(-lag * dt / tau)
+    of_the_mean = (1.0 + 2.0 * np.sum((1.0 - lag[1:] / n) * rho[1:])) / n
+    widened = inflated_variances(
+        np.ones(n), (lag * 10 * MS).astype(np.int64), np.zeros(n, np.int64), tau
+    )
+    np.testing.assert_allclose(widened / n, of_the_mean, rtol=1e-2)

@@ -9,20 +9,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clt.core.recording import Odometry, Ranges, Robot, Team
+from clt.core.recording import Odometry, Robot
 from clt.model.noise import (
     DEFAULT_SIGMA_V,
     MIN_SIGMA_OMEGA,
     MIN_SIGMA_RANGE,
     MIN_SIGMA_V,
     first_known,
-    inflated_variances,
 )
 from clt.model.odometry_gaps import GAP_CORRELATION_S
-from clt.model.range_table import range_table
 from clt.model.settings import MAX_SETTING, NoiseSettings
 from clt.model.twist_segments import interval_twist, join_segments, no_segments, robot_segments
 from tests.messages import texts
+from tests.model.range_tables import ranges, table_of
 
 MS = 1_000_000
 QUIET = NoiseSettings(sigma_v=0.2, sigma_omega=0.1)
@@ -215,45 +214,6 @@ def test_robots_stand_behind_one_another():
     assert joined.end.tolist() == [50 * MS, 100 * MS, 40 * MS, 80 * MS, 100 * MS]
     assert joined.v.tolist() == [1.0, 1.0, 2.0, 2.0, 2.0]
     assert joined.first.dtype == joined.end.dtype == np.int64
-
-
-@pytest.mark.parametrize("tau", [0.02, 0.1, 0.5])
-def test_correlated_ranges_tell_as_much_as_their_mean(tau):
-    """The variance of the mean of n correlated errors is that of n white ones, so widened."""
-    n, dt = 20_000, 0.01
-    lag = np.arange(n)
-    rho = np.exp(-lag * dt / tau)
-    of_the_mean = (1.0 + 2.0 * np.sum((1.0 - lag[1:] / n) * rho[1:])) / n
-    widened = inflated_variances(
-        np.ones(n), (lag * 10 * MS).astype(np.int64), np.zeros(n, np.int64), tau
-    )
-    np.testing.assert_allclose(widened / n, of_the_mean, rtol=1e-2)
-
-
-TEAM = Team(
-    (
-        Robot("A1", 1, static=True, position=(1.0, 2.0)),
-        Robot("A2", 2, static=True, position=(5.0, 6.0)),
-        Robot("R1", 3),
-        Robot("R2", 4),
-        Robot("R3", 5),
-    ),
-    range_sigma=0.1,
-)
-
-
-def ranges(rows, sigma=np.nan):
-    """(stamp, source, target, range) per row."""
-    stamp, source, target = (np.array([row[k] for row in rows], np.int64) for k in range(3))
-    value = np.array([row[3] for row in rows], float)
-    told = np.broadcast_to(np.asarray(sigma, float), value.shape)
-    return Ranges(stamp, stamp, source, target, value, value, told, np.arange(stamp.size))
-
-
-def table_of(measured, noise=QUIET, start=0, end=100, state=None):
-    """R1 and R2 in the state, A1 and A2 fixed, R3 nowhere."""
-    anchors = {k: np.array(TEAM.robots[k].position) for k in (0, 1)}
-    return range_table(measured, TEAM, state or {2: 0, 3: 1}, anchors, noise, start, end)
 
 
 def test_instants_are_not_averaged_across_a_gap():

@@ -8,6 +8,7 @@ from dataclasses import MISSING, field, fields
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from clt.core.errors import UsageError
+from clt.devices.decoders.names import is_robot_name
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -83,8 +84,6 @@ def _choice(text: str, words: tuple[str, ...]) -> str:
 
 
 def _robot(text: str) -> str:
-    from clt.devices.decoders.names import is_robot_name  # noqa: PLC0415
-
     if not is_robot_name(text):
         raise ValueError("give a robot's name: a letter, then letters, digits or _")
     return text
