@@ -21,7 +21,8 @@ from distributed_cost import costs, tables
 from distributed_figures import draw_costs, draw_errors
 from relative import relative_start, relative_truth
 
-from clt.core.recording import Floats, Poses, Recording
+from clt.core.arrays import Floats
+from clt.core.recording import Poses, Recording
 from clt.estimation import estimators
 from clt.model.choices import FrameSpec
 from clt.model.settings import FilterSettings

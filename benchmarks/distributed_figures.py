@@ -10,7 +10,7 @@ import numpy as np
 from distributed_cost import Cost
 from matplotlib import pyplot as plt
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 
 mpl.use("Agg")
 

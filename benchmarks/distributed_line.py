@@ -19,8 +19,9 @@ from distributed import EGO, STARTS, VIEW, squares
 from relative import relative_start
 from report import publish
 
+from clt.core.arrays import Floats
 from clt.core.errors import UsageError
-from clt.core.recording import Floats, Recording
+from clt.core.recording import Recording
 from clt.estimation import estimators
 from clt.model.settings import FilterSettings
 from clt.sim.scenario import load_scenario

@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.geometry import wrap_angle
-from clt.core.recording import Floats, Recording
+from clt.core.recording import Recording
 from clt.estimation import estimators
 from clt.initialization.given.truth import from_truth
 from clt.model.settings import FilterSettings

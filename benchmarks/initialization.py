@@ -18,8 +18,9 @@ import numpy as np
 
 from clt.calibration.apply import apply_calibration, read_calibration
 from clt.cli.common import read_filter_settings
+from clt.core.arrays import Floats
 from clt.core.geometry import wrap_angle
-from clt.core.recording import WORLD_FRAME, Floats, Poses, Recording
+from clt.core.recording import WORLD_FRAME, Poses, Recording
 from clt.estimation.pipeline import estimate
 from clt.importers.thu import read_thu
 from clt.initialization.motion.layout import estimate_layout

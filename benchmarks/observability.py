@@ -30,8 +30,9 @@ from typing import Any
 import numpy as np
 from processes import CLT, wall
 
+from clt.core.arrays import Floats
 from clt.core.geometry import wrap_angle
-from clt.core.recording import Floats, Recording
+from clt.core.recording import Recording
 from clt.core.start import InitialPose, Start
 from clt.estimation import estimators
 from clt.initialization.given.truth import from_truth

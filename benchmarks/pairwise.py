@@ -27,8 +27,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.geometry import rotation_matrix, wrap_angle
-from clt.core.recording import Floats
 from clt.initialization.pairwise.graph import combine_pairs
 from clt.initialization.pairwise.hypotheses import PairHypotheses
 from clt.initialization.pairwise.likelihood import PairRanges

@@ -20,7 +20,8 @@ from pathlib import Path
 import numpy as np
 from processes import CLT, iterating, wall
 
-from clt.core.recording import Floats, Ranges, Recording
+from clt.core.arrays import Floats
+from clt.core.recording import Ranges, Recording
 from clt.core.ticks import COUNTER_PERIOD_TICKS, TICKS_PER_SECOND
 from clt.ranging.recover import range_packets
 from clt.sim.scenario import load_scenario

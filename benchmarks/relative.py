@@ -11,13 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from clt.core.arrays import NS_PER_SECOND, Floats, Stamps
 from clt.core.geometry import relative_pose, wrap_angle
-from clt.core.recording import Floats, Poses, Recording, Stamps
+from clt.core.recording import Poses, Recording
 from clt.core.start import InitialPose, Start
 from clt.estimation import estimators
 from clt.estimation.posterior import Posterior
 from clt.initialization.given.truth import from_truth
-from clt.metrics.associate import SECOND, as_array, interpolate
+from clt.metrics.associate import as_array, interpolate
 from clt.model.choices import FrameSpec
 from clt.model.settings import FilterSettings
 
@@ -91,7 +92,7 @@ class RelativeScore:
 
 def score(square: Floats, turned: Floats, stamp: Stamps) -> RelativeScore:
     """From the squared errors of position and heading at each stamp (n,)."""
-    late = stamp >= stamp[-1] - 2 * SECOND
+    late = stamp >= stamp[-1] - 2 * NS_PER_SECOND
     values = (square, turned, square[late], turned[late])
     return RelativeScore(*(float(np.sqrt(np.mean(value))) for value in values))
 

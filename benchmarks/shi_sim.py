@@ -15,8 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.geometry import wrap_angle
-from clt.core.recording import Floats, Poses, Recording
+from clt.core.recording import Poses, Recording
 from clt.core.start import InitialPose, Start
 from clt.estimation import estimators
 from clt.initialization.given.truth import from_truth

@@ -16,9 +16,10 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, ValidationError, field_validator
 
+from clt.core.arrays import Floats
 from clt.core.document import Document
 from clt.core.errors import LogError, UsageError
-from clt.core.recording import CALIBRATION_KEY, Floats, Odometry, Ranges, Recording, Team
+from clt.core.recording import CALIBRATION_KEY, Odometry, Ranges, Recording, Team
 from clt.core.settings import Settings, did_you_mean, parse_settings, read_toml
 
 KEY = CALIBRATION_KEY

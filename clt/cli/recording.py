@@ -22,10 +22,11 @@ from clt.cli.provenance import run_record
 from clt.cli.recording_display import open_display
 from clt.cli.reports.record_report import print_record_summary
 from clt.cli.stopping import stop_with
+from clt.core.arrays import NS_PER_SECOND
 from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError, UsageError
 from clt.core.recording import Team
-from clt.devices.host_clock import NS_PER_SECOND, HostClock, SystemTime
+from clt.devices.host_clock import HostClock, SystemTime
 from clt.devices.intake import Intake
 from clt.devices.log_parts import LogParts, part_path
 from clt.devices.messages import LOG_TYPE

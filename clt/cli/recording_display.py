@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from clt.cli.console import Console
 from clt.cli.reports.record_report import size_text
-from clt.devices.host_clock import NS_PER_SECOND
+from clt.core.arrays import NS_PER_SECOND
 from clt.devices.recorder import SourceStatus, Status
 
 if TYPE_CHECKING:

@@ -8,7 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from clt.core.arrays import Floats
+
 UNIFORM_HEADING_SIGMA = float(np.pi / np.sqrt(3.0))
 """Standard deviation of a heading of which nothing is known, rad: uniform on the circle."""
 

@@ -14,9 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Stamps = NDArray[np.int64]
-Indices = NDArray[np.int64]
+from clt.core.arrays import Floats, Indices, Stamps
 
 TwistSampling = Literal["mean", "instant"]
 WORLD_FRAME = "world"

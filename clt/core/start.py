@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clt.core.recording import WORLD_FRAME, Floats, Recording, Robot, Stamps
+from clt.core.arrays import Floats, Stamps
+from clt.core.recording import WORLD_FRAME, Recording, Robot
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from clt.core.recording import Indices
+from clt.core.arrays import Indices
 
 TICKS_PER_SECOND = 63_897_600_000
 SECONDS_PER_TICK = 1.0 / TICKS_PER_SECOND

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from typing import Protocol
 
-NS_PER_SECOND = 1_000_000_000
+from clt.core.arrays import NS_PER_SECOND
+
 OLDEST_STAMP_NS = 60 * NS_PER_SECOND
 """A kernel's stamp that is older than this is not believed."""
 

@@ -8,9 +8,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from clt.core.arrays import NS_PER_SECOND
 from clt.core.diagnostics import Diagnostic
 from clt.devices.device_time import device_time_of
-from clt.devices.host_clock import NS_PER_SECOND, HostClock
+from clt.devices.host_clock import HostClock
 from clt.devices.inbox import Content, Dropped, Ended, Inbox, Opened
 from clt.devices.intake import Intake
 from clt.devices.log_parts import LogParts, free_bytes

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import threading
 
+from clt.core.arrays import NS_PER_SECOND
 from clt.core.diagnostics import Diagnostic, Severity
 from clt.core.errors import CltError
-from clt.devices.host_clock import NS_PER_SECOND, HostClock
+from clt.devices.host_clock import HostClock
 from clt.devices.inbox import Dropped, Ended, Inbox, Opened
 from clt.devices.source_spec import SourceSpec
 from clt.devices.sources.source import (

@@ -13,7 +13,7 @@ from itertools import combinations, count
 
 import numpy as np
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.estimation.perturbed import (
     MAX_RESIDUAL_SIGMAS,
     LogParameter,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from clt.core.arrays import Floats, Stamps
 from clt.core.diagnostics import Diagnostic, Severity
-from clt.core.recording import Floats, Recording, Stamps
+from clt.core.recording import Recording
 from clt.estimation.finite import finite_rows
 from clt.filters.kalman import eskf
 from clt.model.belief import Belief, is_valid_covariance, state_mean_and_sigma

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from clt.core.arrays import Floats
 from clt.core.diagnostics import DIVERGED, Diagnostic
-from clt.core.recording import Floats, Innovations, Poses
+from clt.core.recording import Innovations, Poses
 from clt.estimation.posterior import Posterior, add_diagnostics
 from clt.model.belief import MAX_NEGATIVE_VARIANCE
 

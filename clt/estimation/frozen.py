@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.model.range_table import RangeTable
 
 MIN_REPEATS = 10

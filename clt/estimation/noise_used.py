@@ -6,7 +6,8 @@ from collections.abc import Collection
 
 import numpy as np
 
-from clt.core.recording import Floats, Recording
+from clt.core.arrays import Floats
+from clt.core.recording import Recording
 from clt.model.noise import (
     DEFAULT_SIGMA_RANGE,
     MIN_SIGMA_RANGE,

@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.filters.kalman import gaussian
 from clt.model.filter_inputs import Outputs
 from clt.model.known_odometry import segments_after

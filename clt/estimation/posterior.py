@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
+from clt.core.arrays import Floats
 from clt.core.diagnostics import DIVERGED, Diagnostic, by_severity
-from clt.core.recording import Floats, Innovations, Poses
+from clt.core.recording import Innovations, Poses
 
 
 @dataclass(frozen=True)

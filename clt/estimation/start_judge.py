@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.geometry import wrap_angle
-from clt.core.recording import Floats
 from clt.model.filter_inputs import Outputs
 from clt.model.problem import Problem
 from clt.model.range_table import RangeTable

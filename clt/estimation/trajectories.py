@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.geometry import UNIFORM_HEADING_SIGMA
-from clt.core.recording import Floats, Innovations, Poses, Recording
+from clt.core.recording import Innovations, Poses, Recording
 from clt.filters.kalman import eskf
 from clt.model.problem import Problem
 from clt.model.solution import Solution

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import WORLD_FRAME, Floats, Indices, Poses, Ranges, Robot, Stamps
+from clt.core.arrays import Floats, Indices, Stamps
+from clt.core.recording import WORLD_FRAME, Poses, Ranges, Robot
 from clt.log.faults import Faults
 from clt.log.recording import cleaning
 

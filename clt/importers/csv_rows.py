@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from clt.core.arrays import Floats, Stamps
 from clt.core.errors import LogError
-from clt.core.recording import Floats, Stamps
 from clt.importers.textfile import open_text, parse_stamp, report_lines
 from clt.log.faults import Faults
 from clt.log.recording import cleaning

@@ -22,11 +22,10 @@ from typing import TypeVar
 
 import numpy as np
 
+from clt.core.arrays import Floats, Indices
 from clt.core.errors import LogError
 from clt.core.recording import (
     WORLD_FRAME,
-    Floats,
-    Indices,
     Odometry,
     Poses,
     Ranges,

@@ -25,19 +25,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from clt.core.arrays import Floats, Stamps
 from clt.core.errors import LogError
 from clt.core.geometry import wrap_angle
-from clt.core.recording import (
-    WORLD_FRAME,
-    Floats,
-    Odometry,
-    Poses,
-    Ranges,
-    Recording,
-    Robot,
-    Stamps,
-    Team,
-)
+from clt.core.recording import WORLD_FRAME, Odometry, Poses, Ranges, Recording, Robot, Team
 from clt.importers.columns import RawRanges, run_notes, sorted_ranges, truth_of_static
 from clt.importers.textfile import parse_floats, parse_stamp, read_words
 from clt.log.faults import Faults

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.errors import LogError
-from clt.core.recording import Floats
 from clt.log.recording.cleaning import MAX_MEASUREMENT
 
 

@@ -21,19 +21,10 @@ from pathlib import Path
 
 import numpy as np
 
+from clt.core.arrays import Floats, Stamps
 from clt.core.errors import LogError
 from clt.core.geometry import wrap_angle
-from clt.core.recording import (
-    WORLD_FRAME,
-    Floats,
-    Odometry,
-    Poses,
-    Ranges,
-    Recording,
-    Robot,
-    Stamps,
-    Team,
-)
+from clt.core.recording import WORLD_FRAME, Odometry, Poses, Ranges, Recording, Robot, Team
 from clt.importers.columns import RawRanges, run_notes, sorted_ranges, truth_of_static
 from clt.importers.matfile import mat_table, read_mat_file
 from clt.importers.steps import TwistIntervals, intervals_to_odometry

@@ -24,18 +24,10 @@ from pathlib import Path
 
 import numpy as np
 
+from clt.core.arrays import Indices
 from clt.core.errors import LogError
 from clt.core.geometry import wrap_angle
-from clt.core.recording import (
-    WORLD_FRAME,
-    Indices,
-    Odometry,
-    Poses,
-    Ranges,
-    Recording,
-    Robot,
-    Team,
-)
+from clt.core.recording import WORLD_FRAME, Odometry, Poses, Ranges, Recording, Robot, Team
 from clt.importers.columns import RawRanges, run_notes, sorted_ranges, truth_of_static
 from clt.importers.pyfg_graph import PyfgGraph, read_pyfg_graph
 from clt.importers.steps import (

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from clt.core.arrays import Floats, Indices, Stamps
 from clt.core.errors import LogError
-from clt.core.recording import Floats, Indices, Stamps
 from clt.importers.textfile import parse_floats, parse_stamp, read_words
 
 POSE_NAME_PATTERN = re.compile(r"([A-Za-z]+)(\d+)", re.ASCII)

@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from clt.core.arrays import Floats, Indices, Stamps
 from clt.core.geometry import wrap_angle
-from clt.core.recording import Floats, Indices, Odometry, Stamps
+from clt.core.recording import Odometry
 
 MAX_WHOLE_PERIODS = 1.4
 """A longer interval, in median ones, is cut; `clt.model.odometry_gaps` takes 1.5 as a gap."""

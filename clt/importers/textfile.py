@@ -15,8 +15,8 @@ from typing import NamedTuple, TextIO
 
 import numpy as np
 
+from clt.core.arrays import Floats, Stamps
 from clt.core.errors import LogError
-from clt.core.recording import Floats, Stamps
 from clt.log.faults import Faults
 from clt.log.recording import cleaning
 

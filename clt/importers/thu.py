@@ -23,18 +23,9 @@ from typing import Any
 
 import numpy as np
 
+from clt.core.arrays import Floats, Stamps
 from clt.core.errors import LogError
-from clt.core.recording import (
-    WORLD_FRAME,
-    Floats,
-    Odometry,
-    Poses,
-    Ranges,
-    Recording,
-    Robot,
-    Stamps,
-    Team,
-)
+from clt.core.recording import WORLD_FRAME, Odometry, Poses, Ranges, Recording, Robot, Team
 from clt.importers.matfile import read_mat_file
 
 MAT_FILE = "data190313.mat"

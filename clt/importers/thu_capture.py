@@ -21,8 +21,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from clt.core.arrays import Bytes, Stamps
 from clt.core.errors import LogError
-from clt.core.recording import Odometry, Ranges, Recording, Robot, Stamps, Team
+from clt.core.recording import Odometry, Ranges, Recording, Robot, Team
 from clt.log.faults import Faults
 
 GZIP_MAGIC = b"\x1f\x8b"
@@ -37,7 +38,6 @@ WHEELS_DTYPE = np.dtype(
 )
 RANGE_DTYPE = np.dtype([("ms", "<u4"), ("id", "u1"), ("other", "u1"), ("range", "<f8")])
 
-Bytes = NDArray[np.uint8]
 StructuredRows = NDArray[np.void]
 
 

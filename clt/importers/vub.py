@@ -21,9 +21,10 @@ from pathlib import Path
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.errors import LogError
 from clt.core.geometry import heading_of_quaternion, wrap_angle
-from clt.core.recording import WORLD_FRAME, Floats, Odometry, Poses, Ranges, Recording, Robot, Team
+from clt.core.recording import WORLD_FRAME, Odometry, Poses, Ranges, Recording, Robot, Team
 from clt.importers.csvfile import CsvTable, read_csv_table
 from clt.log.faults import Faults
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.recording import Floats, Indices, Ranges, Recording
+from clt.core.arrays import Floats, Indices
+from clt.core.recording import Ranges, Recording
 from clt.model.noise import (
     DEFAULT_SIGMA_RANGE,
     MIN_SIGMA_RANGE,

@@ -8,9 +8,10 @@ from typing import Literal
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.diagnostics import Diagnostic
 from clt.core.geometry import UNIFORM_HEADING_SIGMA
-from clt.core.recording import WORLD_FRAME, Floats, Team
+from clt.core.recording import WORLD_FRAME, Team
 from clt.core.start import Hypothesis, InitialPose, Start
 
 Status = Literal["ok", "ambiguous", "unobservable"]

@@ -12,9 +12,9 @@ from typing import Literal
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.errors import CltError
 from clt.core.geometry import rotation_matrix, wrap_angle
-from clt.core.recording import Floats
 
 AlignMethod = Literal["none", "first", "anchors", "se2", "se2-per-robot"]
 

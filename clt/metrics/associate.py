@@ -7,11 +7,11 @@ from typing import Literal
 
 import numpy as np
 
+from clt.core.arrays import NS_PER_SECOND, Floats, Indices, Stamps
 from clt.core.geometry import wrap_angle
-from clt.core.recording import Floats, Indices, Poses, Stamps
+from clt.core.recording import Poses
 
 Association = Literal["interpolate", "nearest"]
-SECOND = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def as_array(poses: Poses) -> Floats:
 
 def evo_seconds(stamp: Stamps) -> Floats:
     """Stamps as floating seconds, rounded as evo rounds them: sec + 1e-9 nanosec."""
-    return stamp // SECOND + (stamp % SECOND) * 1e-9
+    return stamp // NS_PER_SECOND + (stamp % NS_PER_SECOND) * 1e-9
 
 
 def interpolate(poses: Poses, at: Stamps, max_gap: float) -> tuple[Indices, Floats, Floats | None]:
@@ -68,7 +68,7 @@ def interpolate(poses: Poses, at: Stamps, max_gap: float) -> tuple[Indices, Floa
     after = np.minimum(before + 1, len(poses.stamp) - 1)
     low, high = poses.stamp[np.maximum(before, 0)], poses.stamp[after]
     exact = (before >= 0) & (low == at)
-    inside = (before >= 0) & (at < high) & (high - low <= round(max_gap * SECOND))
+    inside = (before >= 0) & (at < high) & (high - low <= round(max_gap * NS_PER_SECOND))
     found = np.flatnonzero(exact | inside)
     i, j = before[found], np.where(exact, before, after)[found]
     width = np.where(i == j, 1, poses.stamp[j] - poses.stamp[i])

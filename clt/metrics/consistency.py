@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.metrics.associate import MatchedPoses
 from clt.metrics.quantiles import chi_square_quantile
 

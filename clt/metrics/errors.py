@@ -8,10 +8,10 @@ from typing import Literal
 
 import numpy as np
 
+from clt.core.arrays import NS_PER_SECOND, Floats, Indices
 from clt.core.errors import UsageError
 from clt.core.geometry import relative_pose, wrap_angle
-from clt.core.recording import Floats, Indices
-from clt.metrics.associate import SECOND, MatchedPoses
+from clt.metrics.associate import MatchedPoses
 
 MAX_DELTA = 1e9
 """Of a delta, s or m."""
@@ -104,7 +104,7 @@ def pairs_apart(matched: MatchedPoses, delta: Delta) -> tuple[Indices, Indices]:
     if len(matched.stamp) == 0:
         return np.empty(0, np.int64), np.empty(0, np.int64)
     if delta.unit == "s":
-        place = (matched.stamp - matched.stamp[0]) / SECOND
+        place = (matched.stamp - matched.stamp[0]) / NS_PER_SECOND
     else:
         steps = np.hypot(*np.diff(matched.truth[:, :2], axis=0).T)
         place = np.concatenate([[0.0], np.cumsum(steps)])

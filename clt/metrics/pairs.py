@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.recording import Floats, Indices, Innovations, Team
+from clt.core.arrays import Floats, Indices
+from clt.core.recording import Innovations, Team
 from clt.metrics.consistency import independent_samples
 from clt.metrics.quantiles import normal_quantile
 from clt.metrics.residuals import (

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError, UsageError
-from clt.core.recording import Floats, Poses, Team
+from clt.core.recording import Poses, Team
 from clt.metrics.align import (
     AlignMethod,
     Transform,

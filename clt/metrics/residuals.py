@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 
 MIN_SCORED_RANGES = 8
 """Fewer ranges of a pair than this show nothing."""

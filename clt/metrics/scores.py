@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.metrics.associate import MatchedPoses
 from clt.metrics.consistency import inside_three_sigma, nees, nees_interval
 from clt.metrics.errors import (

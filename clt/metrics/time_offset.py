@@ -14,10 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from clt.core.arrays import NS_PER_SECOND, Floats, Stamps
 from clt.core.errors import CltError
-from clt.core.recording import Floats, Poses, Stamps
+from clt.core.recording import Poses
 from clt.metrics.align import rms_residual
-from clt.metrics.associate import SECOND, associate
+from clt.metrics.associate import associate
 from clt.metrics.reference import shift_poses
 from clt.metrics.tracks import select_poses
 
@@ -75,7 +76,7 @@ def estimate_time_offset(
     first = [min(int(held[name].stamp[0]) for name in names) for held in (truth, smooth)]
     last = [max(int(held[name].stamp[-1]) for name in names) for held in (truth, smooth)]
     longest = max(last[0] - first[0], last[1] - first[1])
-    step = max(round(GRID_S * SECOND), -(-longest // MAX_GRID_POINTS))
+    step = max(round(GRID_S * NS_PER_SECOND), -(-longest // MAX_GRID_POINTS))
     pairs = [
         signals
         for name in names
@@ -95,7 +96,7 @@ def _signals(poses: Poses, first: int, last: int, step: int) -> tuple[MotionSign
     """Speed and turn rate on the grid from `first` to `last` (ns)."""
     grid = np.arange(first, last + step, step)
     period = float(np.median(np.diff(poses.stamp)))
-    half = round(max(MIN_WINDOW_S * SECOND, WINDOW_PERIODS * period) / 2)
+    half = round(max(MIN_WINDOW_S * NS_PER_SECOND, WINDOW_PERIODS * period) / 2)
     known = _covered(poses.stamp, grid - half, grid + half, 2 * half)
     before, after = (grid - half - first) * 1e-9, (grid + half - first) * 1e-9
     t = (poses.stamp - first) * 1e-9

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clt.core.recording import Indices, Stamps
+from clt.core.arrays import Indices, Stamps
 from clt.model.range_table import RangeTable
 
 MIN_EPOCH_STEP_NS, MAX_EPOCH_STEP_NS = 20_000_000, 100_000_000

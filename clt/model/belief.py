@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.geometry import is_heading_unknown, wrap_angle
-from clt.core.recording import Floats
 from clt.core.start import Start
 from clt.model.state_space import poses_to_blocks, samples_to_blocks
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.jit.compiled import compiled_noalloc
 from clt.model.state_space import StateSpace, corrected_twist, is_standstill, move_blocks
 from clt.model.unicycle import exact_arc

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Floats, Odometry, Robot, Stamps
+from clt.core.arrays import Floats, Stamps
+from clt.core.recording import Odometry, Robot
 from clt.core.start import median_period
 from clt.model.twist_segments import interval_twist
 

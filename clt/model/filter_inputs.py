@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices, Stamps
+from clt.core.arrays import Floats, Indices, Stamps
 from clt.model.range_table import RangeTable
 from clt.model.state_space import StateSpace
 from clt.model.twist_segments import TwistSegments

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices, Odometry, Robot, Stamps
+from clt.core.arrays import Floats, Indices, Stamps
+from clt.core.recording import Odometry, Robot
 from clt.model.arrivals import MAX_EPOCH_STEP_NS, ArrivalOrder, arrival_order
 from clt.model.noise import odometry_sigmas, twist_variance
 from clt.model.odometry_gaps import (

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.jit.compiled import compiled_noalloc
 
 SAME_MODE_MAHALANOBIS_SQ = 16.0

@@ -11,9 +11,9 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from clt.core.recording import Floats, Odometry, Robot
+from clt.core.arrays import Bools, Floats
+from clt.core.recording import Odometry, Robot
 from clt.core.start import median_period
 from clt.model.noise import first_known
 from clt.model.settings import NoiseSettings
@@ -28,8 +28,6 @@ MAX_STANDSTILL_BIAS_V, MAX_STANDSTILL_BIAS_OMEGA = 0.005, 0.02
 """What odometry may show on average while a robot stands, m/s and rad/s."""
 MIN_ODOMETRY_SIGMA = 1e-3
 """No wheel is quieter than this while it turns, m/s and rad/s."""
-
-Mask = NDArray[np.bool_]
 
 
 class MotionPhase(NamedTuple):
@@ -90,7 +88,7 @@ def moving_mean(column: Floats, m: int) -> Floats:
     return np.asarray((total[m:] - total[:-m]) / m)
 
 
-def standstill_windows(odometry: Odometry, noise: OdometryNoise) -> Mask:
+def standstill_windows(odometry: Odometry, noise: OdometryNoise) -> Bools:
     """Which windows of M samples in a row look like standing still, shape (n - M + 1,)."""
     m = window_samples(odometry)
     found = np.ones(max(odometry.v.size - m + 1, 0), np.bool_)
@@ -100,7 +98,7 @@ def standstill_windows(odometry: Odometry, noise: OdometryNoise) -> Mask:
     return found
 
 
-def standstill_samples(odometry: Odometry, noise: OdometryNoise) -> Mask:
+def standstill_samples(odometry: Odometry, noise: OdometryNoise) -> Bools:
     """Samples of which every window of M says that the robot stands still."""
     return _every_window(
         standstill_windows(odometry, noise), window_samples(odometry), odometry.v.size
@@ -119,7 +117,7 @@ def is_creeping(odometry: Odometry, noise: OdometryNoise, phase: MotionPhase) ->
     )
 
 
-def straight_samples(odometry: Odometry, noise: OdometryNoise) -> Mask:
+def straight_samples(odometry: Odometry, noise: OdometryNoise) -> Bools:
     """Samples of which every window of M says that the robot drives straight."""
     m = window_samples(odometry)
     energy_v, energy_omega = moving_mean(odometry.v**2, m), moving_mean(odometry.omega**2, m)
@@ -129,7 +127,7 @@ def straight_samples(odometry: Odometry, noise: OdometryNoise) -> Mask:
     return _every_window(linear, m, odometry.v.size)
 
 
-def find_phases(mask: Mask, odometry: Odometry, shortest: float) -> list[MotionPhase]:
+def find_phases(mask: Bools, odometry: Odometry, shortest: float) -> list[MotionPhase]:
     """Runs of samples, at least `shortest` seconds long; no gap of the odometry lies in one."""
     step = median_period(odometry.stamp)
     gap = np.append(False, np.diff(odometry.stamp) > 1.5 * step)
@@ -145,7 +143,7 @@ def find_phases(mask: Mask, odometry: Odometry, shortest: float) -> list[MotionP
     return found
 
 
-def _every_window(verdict: Mask, m: int, size: int) -> Mask:
+def _every_window(verdict: Bools, m: int, size: int) -> Bools:
     """Samples for which all the windows that hold them are true; none where none fits."""
     if verdict.size == 0:
         return np.zeros(size, np.bool_)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.jit.compiled import compiled_noalloc
 from clt.model.state_space import StateSpace
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from clt.core.arrays import Floats, Indices, Stamps
 from clt.core.diagnostics import Diagnostic
-from clt.core.recording import Floats, Indices, Odometry, Robot, Stamps, Team
+from clt.core.recording import Odometry, Robot, Team
 from clt.model.settings import MAX_SETTING, NoiseSettings
 
 DEFAULT_SIGMA_V, DEFAULT_SIGMA_OMEGA, DEFAULT_SIGMA_RANGE = 0.1, 0.1, 0.1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.recording import Floats, Indices, Stamps
+from clt.core.arrays import Floats, Indices, Stamps
 
 MIN_GAP_PERIODS, MAX_GAP_PERIODS = 1.5, 3.0
 """A step of more median periods than this is a gap in odometry of even, of very uneven steps."""

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clt.core.arrays import Floats, Indices, Stamps
 from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError, UsageError
 from clt.core.geometry import rotation_matrix
-from clt.core.recording import Floats, Indices, Recording, Robot, Stamps
+from clt.core.recording import Recording, Robot
 from clt.core.settings import did_you_mean
 from clt.core.start import InitialPose, Start
 from clt.model.belief import Belief, Prior, belief_from_prior, make_prior

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.jit.compiled import compiled_noalloc, inlined
 
 

@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from clt.core.arrays import Floats, Indices, Stamps
 from clt.core.diagnostics import Diagnostic
-from clt.core.recording import Floats, Indices, Ranges, Stamps, Team
+from clt.core.recording import Ranges, Team
 from clt.model.noise import (
     DEFAULT_SIGMA_RANGE,
     MIN_SIGMA_RANGE,

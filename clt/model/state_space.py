@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from clt.core.arrays import Floats, Indices
 from clt.core.geometry import relative_pose, rotation_matrix
-from clt.core.recording import Floats, Indices
 from clt.jit.compiled import compiled_noalloc, inlined
 from clt.model.unicycle import exact_arc
 

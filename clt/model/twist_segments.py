@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from clt.core.arrays import Floats, Indices, Stamps
 from clt.core.diagnostics import Diagnostic
-from clt.core.recording import Floats, Indices, Odometry, Robot, Stamps
+from clt.core.recording import Odometry, Robot
 from clt.model.noise import odometry_sigmas, twist_variance
 from clt.model.odometry_gaps import GAP_CORRELATION_S, gap_twist_variance, odometry_gaps
 from clt.model.settings import NoiseSettings

@@ -6,9 +6,10 @@ from collections.abc import Collection
 
 import numpy as np
 
+from clt.core.arrays import Floats, Indices
 from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError
-from clt.core.recording import Floats, Indices, Ranges, Recording
+from clt.core.recording import Ranges, Recording
 from clt.observability.exact.analysis import analyse
 from clt.observability.exact.codistribution import Motion
 from clt.observability.exact.setup import Setup, SetupRobot

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.ranging.measured import MeasuredRanges
 from clt.ranging.states import ClockFilters
 from clt.ranging.sweep import run_clock_filters

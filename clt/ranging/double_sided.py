@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.core.ticks import RADIO_SPEED, SECONDS_PER_TICK
 from clt.ranging.measured import MeasuredRanges
 from clt.ranging.unwrap import LinkedPackets

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from clt.core.recording import Indices, Stamps
+from clt.core.arrays import Indices, Stamps
 from clt.jit.compiled import compiled_noalloc
 
 REMEMBERED_PACKETS = 256

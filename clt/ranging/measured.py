@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 
 
 class MeasuredRanges(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.core.recording import Floats, Stamps
+from clt.core.arrays import Floats, Stamps
 from clt.core.ticks import SECONDS_PER_TICK
 from clt.ranging.unwrap import LinkedPackets
 

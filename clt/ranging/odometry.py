@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.core.recording import Odometry, Stamps, UwbPackets
+from clt.core.arrays import Stamps
+from clt.core.recording import Odometry, UwbPackets
 from clt.ranging.timebase import listener_times
 from clt.ranging.unwrap import LinkedPackets, unwrap_earlier
 

@@ -8,17 +8,9 @@ from typing import Literal
 
 import numpy as np
 
+from clt.core.arrays import Floats, Indices, Stamps
 from clt.core.errors import CltError
-from clt.core.recording import (
-    Floats,
-    Indices,
-    Ranges,
-    Recording,
-    Stamps,
-    Team,
-    UwbPackets,
-    no_uwb_packets,
-)
+from clt.core.recording import Ranges, Recording, Team, UwbPackets, no_uwb_packets
 from clt.core.ticks import RADIO_SPEED
 from clt.ranging import clock, double_sided
 from clt.ranging.measured import MeasuredRanges

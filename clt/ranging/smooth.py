@@ -10,7 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from clt.core.recording import Floats, Ranges
+from clt.core.arrays import Floats
+from clt.core.recording import Ranges
 from clt.ranging.noise import equivalent_correlation_time
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 
 PHASE_WALK = 1e-22
 """S_b, s."""

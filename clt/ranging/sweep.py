@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.core.ticks import RADIO_SPEED, SECONDS_PER_TICK
 from clt.jit.compiled import compiled_noalloc
 from clt.ranging.measured import MeasuredRanges

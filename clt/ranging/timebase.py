@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices, Stamps
+from clt.core.arrays import Floats, Indices, Stamps
 from clt.core.ticks import TICKS_PER_SECOND
 
 AVERAGING_BLOCK_NS = 5e9

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Indices, Stamps, UwbPackets
+from clt.core.arrays import Indices, Stamps
+from clt.core.recording import UwbPackets
 from clt.core.ticks import COUNTER_PERIOD_TICKS, TICKS_PER_SECOND, tick_difference
 from clt.ranging.link import REMEMBERED_PACKETS, link_receptions
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.core.recording import Floats, Stamps
-from clt.sim.sensors import SECOND
+from clt.core.arrays import NS_PER_SECOND, Floats, Stamps
 from clt.sim.settings import Outliers
 
 
@@ -25,7 +24,7 @@ def burst_heights(share: float, length: float, stamps: Stamps, draw: np.random.G
     The height of the burst at each stamp (ns since the start; the last is the latest), one
     throughout each burst and exponential with mean 1; 0 in a gap. Bursts fill `share` of the time.
     """
-    t = stamps / SECOND
+    t = stamps / NS_PER_SECOND
     gap = length * (1.0 - share) / share
     cycles = 30 + int(2.0 * t[-1] / (length + gap))
     starts_in_burst = draw.random() < share

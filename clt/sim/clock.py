@@ -13,7 +13,7 @@ from math import sqrt
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.core.ticks import COUNTER_PERIOD_TICKS, TICKS_PER_SECOND, TRANSMIT_GRID_TICKS
 from clt.sim.settings import Oscillator
 

@@ -7,13 +7,14 @@ from itertools import islice
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.trig import cos_sin
 from clt.sim.drives import CircleDrive, SegmentsDrive, SequenceDrive, StandDrive, WanderDrive
 from clt.sim.rng import Purpose, random_stream
 from clt.sim.scenario import Scenario
 from clt.sim.sequence import drive_sequence, start_with_room
 from clt.sim.team import Member
-from clt.sim.trajectory import DrivenPath, Floats, path_of_twists, refine_knots
+from clt.sim.trajectory import DrivenPath, path_of_twists, refine_knots
 from clt.sim.values import Pose
 from clt.sim.wander import drive_wander
 

@@ -8,7 +8,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.recording import Floats, Indices, Odometry, Stamps, UwbPackets
+from clt.core.arrays import NS_PER_SECOND, Floats, Indices, Stamps
+from clt.core.recording import Odometry, UwbPackets
 from clt.core.ticks import RADIO_SPEED, TICKS_PER_SECOND
 from clt.sim.bursts import outlier_excess
 from clt.sim.clock import RadioClock, simulate_clock, wrap_counter
@@ -24,8 +25,6 @@ from clt.sim.rng import Purpose, random_stream
 from clt.sim.scene import SimulationInput, pair_stream_key
 from clt.sim.settings import Radio
 from clt.sim.transport import LOG_START_NS, deliver_messages, robot_stream_key
-
-SECOND = 1_000_000_000
 
 
 def simulate_packets(
@@ -130,9 +129,9 @@ def _carried(
 
 def _device_time(clock: RadioClock, stamps: Stamps) -> Indices:
     """What a radio's counter shows at true times (ns since the start)."""
-    whole, part = stamps // SECOND, stamps % SECOND
+    whole, part = stamps // NS_PER_SECOND, stamps % NS_PER_SECOND
     base, rest = clock.read(
-        whole * TICKS_PER_SECOND, np.asarray(part * (TICKS_PER_SECOND / SECOND), np.float64)
+        whole * TICKS_PER_SECOND, np.asarray(part * (TICKS_PER_SECOND / NS_PER_SECOND), np.float64)
     )
     return wrap_counter(base + np.rint(rest).astype(np.int64))
 

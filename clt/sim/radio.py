@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from clt.core.arrays import NS_PER_SECOND, Floats, Indices, Stamps
 from clt.core.errors import UsageError
-from clt.core.recording import Floats, Indices, Stamps
 from clt.core.ticks import RADIO_SPEED, TICKS_PER_SECOND
 from clt.sim.clock import RadioClock, wrap_counter
 from clt.sim.settings import Radio
@@ -21,7 +21,6 @@ from clt.sim.settings import Radio
 MAX_ROBOTS = 17
 """A packet carries at most 16 neighbours."""
 DEFAULT_SLOT_S = 0.001
-SECOND = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -39,9 +38,9 @@ class Departures:
     def stamp(self) -> Stamps:
         """True time since the start, ns."""
         whole, part = self.base // TICKS_PER_SECOND, self.base % TICKS_PER_SECOND
-        return whole * SECOND + np.rint((part + self.rest) * (SECOND / TICKS_PER_SECOND)).astype(
-            np.int64
-        )
+        return whole * NS_PER_SECOND + np.rint(
+            (part + self.rest) * (NS_PER_SECOND / TICKS_PER_SECOND)
+        ).astype(np.int64)
 
 
 def schedule_packets(radio: Radio, robots: int, duration: float) -> Indices:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.recording import Floats, Indices, Ranges, Stamps, no_ranges
+from clt.core.arrays import Floats, Indices, Stamps
+from clt.core.recording import Ranges, no_ranges
 from clt.sim.bursts import outlier_excess
 from clt.sim.ranging import IndexPair, antenna_points, point_distances
 from clt.sim.rng import Purpose, random_stream

@@ -7,8 +7,9 @@ from itertools import combinations
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.errors import UsageError
-from clt.core.recording import Floats, Team
+from clt.core.recording import Team
 from clt.core.settings import did_you_mean
 from clt.core.trig import cos_sin
 from clt.sim.settings import RangeSensor

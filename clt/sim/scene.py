@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clt.core.recording import Stamps, Team
+from clt.core.arrays import NS_PER_SECOND, Stamps
+from clt.core.recording import Team
 from clt.sim.ranging import IndexPair
 from clt.sim.scenario import Scenario
-from clt.sim.sensors import SECOND
 from clt.sim.settings import NetworkTable
 from clt.sim.team import Member
 from clt.sim.trajectory import DrivenPath, MotionState, state_at
@@ -32,7 +32,7 @@ class SimulationInput:
     def state(self, member: Member, stamps: Stamps) -> MotionState:
         """Where a robot truly is at stamps (ns since the start)."""
         if not member.robot.static:
-            return state_at(self.paths[member.robot.name], stamps / SECOND)
+            return state_at(self.paths[member.robot.name], stamps / NS_PER_SECOND)
         zero = np.zeros(len(stamps))
         x, y = member.position
         return MotionState(zero + x, zero + y, zero, zero, zero, zero)

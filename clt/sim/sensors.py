@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from clt.core.arrays import NS_PER_SECOND, Floats, Stamps
 from clt.core.geometry import wrap_angle
-from clt.core.recording import Floats, Stamps
 from clt.sim.settings import TruthSensor
 from clt.sim.trajectory import MotionState
 
 DECIMALS = 9
-SECOND = 1e9
-"""Nanoseconds."""
 
 
 def sample_times(rate: float, duration: float, early: float = 0.0) -> Stamps:
@@ -26,8 +24,8 @@ def sample_times(rate: float, duration: float, early: float = 0.0) -> Stamps:
     """
     count = int(duration * rate) + 2
     turn = np.arange(1, count + 1) - early
-    stamps: Stamps = np.rint(turn * SECOND / rate).astype(np.int64)
-    return stamps[(stamps > 0) & (stamps <= round(duration * SECOND))]
+    stamps: Stamps = np.rint(turn * NS_PER_SECOND / rate).astype(np.int64)
+    return stamps[(stamps > 0) & (stamps <= round(duration * NS_PER_SECOND))]
 
 
 def measured_truth(

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.errors import UsageError
-from clt.core.recording import Floats
 from clt.sim.drives import CircleDrive, DrivePhase, SequenceDrive
 from clt.sim.trajectory import MAX_KNOT_STEP_S, DrivenPath, path_of_twists, refine_knots, state_at
 from clt.sim.values import Area, Pose

@@ -10,11 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from clt.core.arrays import Floats
 from clt.core.trig import cos_sin
-
-Floats = NDArray[np.float64]
 
 MAX_KNOT_STEP_S = 0.04
 """Largest distance of two knots, s; no multiple of usual sampling intervals, on purpose."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from clt.core.arrays import NS_PER_SECOND, Stamps
 from clt.core.errors import UsageError
-from clt.core.recording import Stamps, Team
+from clt.core.recording import Team
 from clt.core.settings import did_you_mean
 from clt.sim.rng import Purpose, random_stream
 from clt.sim.scenario import Scenario
-from clt.sim.sensors import SECOND
 from clt.sim.team import Member
 
 LOG_START_NS = 1_735_689_600_000_000_000
@@ -36,7 +36,9 @@ def robot_clock_stamps(scenario: Scenario, host: Member, stamps: Stamps) -> Stam
     error = 0
     if (network.clock_mean != 0.0 or network.clock_sd > 0.0) and not _on_board(scenario, host):
         draw = random_stream(scenario.seed, Purpose.HOST, *robot_stream_key(host))
-        error = round((network.clock_mean + network.clock_sd * draw.standard_normal()) * SECOND)
+        error = round(
+            (network.clock_mean + network.clock_sd * draw.standard_normal()) * NS_PER_SECOND
+        )
     return LOG_START_NS + stamps + error
 
 
@@ -56,7 +58,7 @@ def deliver_messages(
     if network.delay_mean > 0.0 or network.delay_sd > 0.0:
         late = random_stream(scenario.seed, Purpose.DELAY, *purpose).standard_normal(n)
         delay = np.maximum(network.delay_mean + network.delay_sd * late, 0.0)
-        log_time += np.rint(delay * SECOND).astype(np.int64)
+        log_time += np.rint(delay * NS_PER_SECOND).astype(np.int64)
     if network.loss > 0.0:
         arrived = random_stream(scenario.seed, Purpose.LOSS, *purpose).random(n) >= network.loss
     return log_time, arrived
@@ -69,7 +71,7 @@ def _on_board(scenario: Scenario, host: Member) -> bool:
 
 def _batch_end(scenario: Scenario, host: Member | None, stamps: Stamps) -> Stamps:
     """When a host sends what it gathered at stamps, ns since the start."""
-    period = max(round(scenario.network.batch * SECOND), 1)
+    period = max(round(scenario.network.batch * NS_PER_SECOND), 1)
     draw = random_stream(
         scenario.seed, Purpose.BATCH, *(() if host is None else robot_stream_key(host))
     )

@@ -7,12 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.recording import Floats, Odometry, Stamps
+from clt.core.arrays import NS_PER_SECOND, Floats, Stamps
+from clt.core.recording import Odometry
 from clt.sim.bursts import burst_heights
 from clt.sim.rng import Purpose, random_stream
 from clt.sim.scenario import Scenario
 from clt.sim.scene import SimulationInput
-from clt.sim.sensors import DECIMALS, SECOND, sample_times
+from clt.sim.sensors import DECIMALS, sample_times
 from clt.sim.settings import OdometrySensor
 from clt.sim.team import Member
 from clt.sim.trajectory import DrivenPath, state_at
@@ -67,9 +68,9 @@ def _twist(sensor: OdometrySensor, path: DrivenPath, stamps: Stamps) -> tuple[Fl
     A mean is what wheel encoders give: arc length and turn of the interval over its length.
     """
     if sensor.twist == "instant":
-        state = state_at(path, stamps / SECOND)
+        state = state_at(path, stamps / NS_PER_SECOND)
         return state.v, state.omega
-    edges = np.concatenate([[0], stamps]) / SECOND
+    edges = np.concatenate([[0], stamps]) / NS_PER_SECOND
     state, span = state_at(path, edges), np.diff(edges)
     return np.diff(state.s) / span, np.diff(state.heading) / span
 

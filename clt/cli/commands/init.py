@@ -28,7 +28,7 @@ from clt.cli.options import (
 from clt.cli.period import FromOption, ToOption
 
 if TYPE_CHECKING:
-    from clt.core.recording import Floats
+    from clt.core.arrays import Floats
     from clt.initialization.status import Initialization, RobotStatus
 
 POSES_FILE_HEADER = """\

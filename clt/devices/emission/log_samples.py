@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Indices, Odometry, Poses, Ranges, Recording, Stamps, UwbPackets
+from clt.core.arrays import Indices, Stamps
+from clt.core.recording import Odometry, Poses, Ranges, Recording, UwbPackets
 from clt.devices.emission.device_ids import DeviceIds
 from clt.devices.encoders.table import Content
 from clt.devices.samples import (

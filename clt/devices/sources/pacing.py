@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from clt.devices.host_clock import NS_PER_SECOND, HostClock
+from clt.core.arrays import NS_PER_SECOND
+from clt.devices.host_clock import HostClock
 
 LONGEST_GAP_S = 3600.0
 """A longer step of the device's time, or one backwards, is a device that began again."""

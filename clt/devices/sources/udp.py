@@ -12,7 +12,8 @@ import struct
 from collections.abc import Sequence
 from contextlib import suppress
 
-from clt.devices.host_clock import NS_PER_SECOND, HostClock
+from clt.core.arrays import NS_PER_SECOND
+from clt.devices.host_clock import HostClock
 from clt.devices.sources.sockets import bound, readable
 from clt.devices.sources.source import Chunk, DisconnectedError, Opening, SourceKind, SourceUrl
 from clt.devices.sources.url import check_options, host_and_port, number_option

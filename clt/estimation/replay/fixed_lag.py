@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices, Stamps
+from clt.core.arrays import Floats, Indices, Stamps
 from clt.model.arrivals import ArrivalOrder
 from clt.model.filter_inputs import Outputs
 from clt.model.known_odometry import (

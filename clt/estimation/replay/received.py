@@ -14,9 +14,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from clt.core.arrays import Stamps
 from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError
-from clt.core.recording import Poses, Recording, Stamps
+from clt.core.recording import Poses, Recording
 from clt.core.start import Start
 from clt.estimation.estimators import (
     DEFAULT_ESTIMATOR,

@@ -11,13 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from clt.core.arrays import Bools, Floats, Indices
 from clt.core.errors import UsageError
-from clt.core.recording import Floats, Indices
 from clt.core.settings import did_you_mean
-
-Bools = NDArray[np.bool_]
 
 
 def communication_links(graph: str, names: Sequence[str], key: str = "dpf.graph") -> Bools:

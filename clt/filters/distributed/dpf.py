@@ -13,10 +13,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from clt.core.arrays import Bools, Floats, Indices
 from clt.core.errors import UsageError
-from clt.core.recording import Floats, Indices
 from clt.filters.distributed.consensus import (
-    Bools,
     communication_links,
     connected_groups,
     traffic_by_robot,

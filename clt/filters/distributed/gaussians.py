@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.filters.distributed.rounds import (
     Outage,
     PropagatedState,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol, Self
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.filters.distributed.rounds import Outage, PropagatedState
 from clt.filters.mixture.gaussian_sum import MixtureOutput
 from clt.model.belief import Belief

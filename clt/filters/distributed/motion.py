@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices, Stamps
+from clt.core.arrays import Floats, Indices, Stamps
 from clt.jit.compiled import compiled_noalloc, inlined
 from clt.model.state_space import StateSpace, corrected_twist, move_blocks
 from clt.model.twist_segments import TwistSegments

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices, Stamps
+from clt.core.arrays import Floats, Indices, Stamps
 from clt.filters.distributed.motion import (
     RoundTwists,
     SharedParticles,

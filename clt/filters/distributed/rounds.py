@@ -11,18 +11,14 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from clt.core.recording import Floats, Indices, Stamps
+from clt.core.arrays import Bools, Floats, Indices, Stamps
 from clt.jit.compiled import compiled_noalloc
 from clt.model.problem import Problem
 from clt.model.range_model import predict_distance
 from clt.model.range_table import RangeTable
 from clt.model.state_space import StateSpace, corrected_twist, move_blocks
 from clt.model.twist_segments import TwistSegments
-
-Bools = NDArray[np.bool_]
-
 
 UNKNOWN_HEADING_VARIANCE = np.pi**2
 """Variance of a heading of which nothing is known, and more, rad^2."""

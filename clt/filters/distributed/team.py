@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices, Stamps
-from clt.filters.distributed.consensus import Bools, LossyNetwork, communication_links, make_network
+from clt.core.arrays import Bools, Floats, Indices, Stamps
+from clt.filters.distributed.consensus import LossyNetwork, communication_links, make_network
 from clt.filters.distributed.gaussians import GaussianMember, make_gaussian_member
 from clt.filters.distributed.member import DistributedMember
 from clt.filters.distributed.points import ParticleMember, make_particle_member

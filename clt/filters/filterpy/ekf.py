@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.filters.filterpy.model import (
     SegmentClock,
     moved_state,

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.model.range_table import RangeTable
 from clt.model.state_space import MAX_STANDSTILL_TWIST, StateSpace
 from clt.model.twist_segments import TwistSegments

@@ -6,8 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
+from clt.core.arrays import Floats, Indices
 from clt.core.geometry import wrap_angle
-from clt.core.recording import Floats, Indices
 from clt.filters.filterpy.model import SegmentClock
 from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
 from clt.filters.kalman.free import UnobservableDirections

@@ -11,7 +11,7 @@ import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter, unscented_transform
 from scipy.linalg import LinAlgError, cholesky
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.filters.filterpy.model import (
     MotionStep,
     SegmentClock,

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices, Stamps
+from clt.core.arrays import Floats, Indices, Stamps
 from clt.jit.compiled import compiled_noalloc, inlined
 from clt.model.range_table import RangeTable
 

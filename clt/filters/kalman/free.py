@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.filters.kalman.unscented import cholesky_upper
 from clt.jit.compiled import compiled_noalloc, inlined
 from clt.model.mutual import is_mutual, set_inverse

@@ -11,8 +11,8 @@ from functools import partial
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.errors import UsageError
-from clt.core.recording import Floats
 from clt.filters.kalman import eskf
 from clt.filters.kalman.free import directions_for_problem, use_first_estimates
 from clt.filters.kalman.reacquisition import solve_with_search

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from clt.core.arrays import Floats, Indices
 from clt.core.geometry import wrap_angle
-from clt.core.recording import Floats, Indices
 from clt.filters.kalman.evidence import range_log_densities
 from clt.filters.kalman.rivals import alternative_beliefs
 from clt.filters.kalman.suspicion import (

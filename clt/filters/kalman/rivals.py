@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.model.belief import Belief
 from clt.model.range_table import RangeTable
 

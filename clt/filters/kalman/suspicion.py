@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.recording import Indices, Stamps
+from clt.core.arrays import Indices, Stamps
 from clt.jit.compiled import compiled_noalloc
 
 NEXT_CHECK, ACCEPTED_COUNT, REJECTED_COUNT, REJECTING_PARTNER, SEARCH_COUNT, FOUND_COUNT = (

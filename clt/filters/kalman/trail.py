@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Floats, Stamps
+from clt.core.arrays import Floats, Stamps
 from clt.model.filter_inputs import Outputs
 from clt.model.known_odometry import segments_after
 from clt.model.problem import Problem

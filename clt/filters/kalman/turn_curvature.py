@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.filters.kalman.free import (
     MAX_UNOBSERVABLE,
     UnobservableDirections,

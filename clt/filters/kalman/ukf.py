@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.filters.kalman.eskf import (
     RANGE_REJECTED,
     RANGE_USED,

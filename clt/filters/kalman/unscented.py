@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.jit.compiled import compiled_noalloc, inlined
 from clt.model.settings import UkfSettings
 

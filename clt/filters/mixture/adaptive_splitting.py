@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.filters.kalman.updates import projected_variance
 from clt.filters.mixture.gaussian_sum import TANGENT_ROW, GaussianSum, predict_range_and_tangent
 from clt.filters.mixture.splitting import (

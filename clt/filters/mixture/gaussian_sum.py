@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices, Stamps
+from clt.core.arrays import Floats, Indices, Stamps
 from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
 from clt.filters.kalman.free import (
     Instant,

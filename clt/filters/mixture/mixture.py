@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.filters.kalman.free import use_first_estimates
 from clt.filters.kalman.turn_curvature import add_turn_curvature
 from clt.filters.mixture.adaptive_splitting import MAX_HEADING_SIGMA, narrow_for_range

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.filters.mixture.gaussian_sum import GaussianSum, normalize_weights
 from clt.jit.compiled import compiled_noalloc
 from clt.model.mixture_moments import ROWS, SAME_MODE_MAHALANOBIS_SQ, wrap_heading

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.filters.kalman.updates import covariance_times_row, row_times_vector
 from clt.filters.mixture.gaussian_sum import GaussianSum
 from clt.jit.compiled import compiled_noalloc

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.filters.kalman.free import use_first_estimates
 from clt.filters.mixture.adaptive_splitting import MAX_HEADING_SIGMA, narrow_for_range
 from clt.filters.mixture.gaussian_sum import (

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.filters.kalman.unscented import cholesky_upper
 from clt.jit.compiled import compiled_noalloc
 from clt.model.mixture_moments import mean_heading, wrap_heading

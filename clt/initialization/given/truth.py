@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from clt.core.arrays import NS_PER_SECOND, Stamps
 from clt.core.errors import CltError
-from clt.core.recording import WORLD_FRAME, Poses, Recording, Robot, Stamps
+from clt.core.recording import WORLD_FRAME, Poses, Recording, Robot
 from clt.core.start import InitialPose, Start, known_static_pose, odometry_start
-from clt.metrics.associate import SECOND, interpolate
+from clt.metrics.associate import interpolate
 
 MAX_TRUTH_GAP_S = 0.5
 """Truth is interpolated across no longer gap, s, as in an evaluation."""
@@ -71,7 +72,9 @@ def first_instant(recording: Recording, truths: Mapping[str, Poses]) -> tuple[in
 
 def _span_starts(stamp: Stamps) -> Stamps:
     """First stamps of the spans of a reference, which gaps divide."""
-    first: NDArray[np.bool_] = np.append(True, np.diff(stamp) > round(MAX_TRUTH_GAP_S * SECOND))
+    first: NDArray[np.bool_] = np.append(
+        True, np.diff(stamp) > round(MAX_TRUTH_GAP_S * NS_PER_SECOND)
+    )
     return stamp[first]
 
 

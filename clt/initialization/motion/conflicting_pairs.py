@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.core.recording import Indices, Recording
+from clt.core.arrays import Indices
+from clt.core.recording import Recording
 from clt.filters.kalman.eskf import KalmanOutput
 from clt.initialization.motion.team import JointStart
 from clt.initialization.motion.window import (

@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from clt.core.arrays import Floats
 from clt.core.diagnostics import Diagnostic
-from clt.core.recording import Floats, Recording
+from clt.core.recording import Recording
 from clt.initialization.motion.layout import (
     AlternativeLayout,
     TeamLayout,

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 
 MIN_POSITION_STEP_M, MAX_POSITION_STEPS = 1e-10, 50
 MAX_EXTRA_COST = 25.0

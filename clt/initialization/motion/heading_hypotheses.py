@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.geometry import rotation_matrix, wrap_angle
-from clt.core.recording import Floats
 from clt.initialization.motion.window import (
     StartWindow,
     filter_window,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.initialization.motion.mds import classical_scaling, complete_distances
 from clt.initialization.pair_distances import PairDistances
 

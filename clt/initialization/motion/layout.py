@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.initialization.motion.initial_guesses import (
     LAYOUT_RESTARTS,
     guess_layouts,

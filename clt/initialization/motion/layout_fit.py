@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import chdtri
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.initialization.motion.realizations import LayoutGraph
 from clt.initialization.pair_distances import PairDistances
 

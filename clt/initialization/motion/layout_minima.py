@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.jit.compiled import compiled_noalloc, kernel
 
 MAX_DESCENT_STEPS = 100

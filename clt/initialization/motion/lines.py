@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 
 MAX_OFF_LINE_SHARE = 0.05
 """Static robots closer than this to one line, as a share of its length, are on it."""

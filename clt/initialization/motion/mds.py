@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse.csgraph import shortest_path
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 
 
 def complete_distances(distance: Floats) -> Floats:

@@ -12,9 +12,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError
-from clt.core.recording import WORLD_FRAME, Floats, Recording
+from clt.core.recording import WORLD_FRAME, Recording
 from clt.initialization.motion.conflicting_pairs import find_conflicting_pairs
 from clt.initialization.motion.frame import CandidateFrame, Survey, survey_frames
 from clt.initialization.motion.lines import are_collinear

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 
 SAME_POSITION_M = 0.02
 """Places nearer than this, or within three sigma, are one, m."""

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from clt.core.arrays import Floats, Indices
 from clt.core.diagnostics import Diagnostic
-from clt.core.recording import Floats, Indices
 from clt.initialization.motion.layout_minima import minimize_layouts
 from clt.initialization.pair_distances import PairDistances
 

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.diagnostics import Diagnostic
 from clt.core.geometry import wrap_angle
-from clt.core.recording import Floats, Robot, Team
+from clt.core.recording import Robot, Team
 from clt.core.start import InitialPose, known_static_pose
 from clt.initialization.motion.frame import CandidateFrame, Survey
 from clt.initialization.motion.heading_hypotheses import RefinedStart

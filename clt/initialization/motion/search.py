@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.diagnostics import Diagnostic
 from clt.core.geometry import rotation_matrix
-from clt.core.recording import Floats, Recording
+from clt.core.recording import Recording
 from clt.initialization.motion.frame import CandidateFrame
 from clt.initialization.motion.heading import position_fixes
 from clt.initialization.motion.heading_hypotheses import (

@@ -10,9 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError
-from clt.core.recording import WORLD_FRAME, Floats, Recording
+from clt.core.recording import WORLD_FRAME, Recording
 from clt.initialization.motion.layout import (
     AlternativeLayout,
     TeamLayout,

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from clt.core.arrays import Floats, Stamps
 from clt.core.geometry import rotation_matrix
-from clt.core.recording import Floats, Recording, Stamps
+from clt.core.recording import Recording
 from clt.initialization.motion.frame import CandidateFrame
 from clt.initialization.motion.heading import fit_heading, track_position_fixes, widest_anchors
 from clt.initialization.pair_distances import range_sigma

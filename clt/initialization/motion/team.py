@@ -12,7 +12,8 @@ from itertools import islice, product
 
 import numpy as np
 
-from clt.core.recording import Floats, Recording
+from clt.core.arrays import Floats
+from clt.core.recording import Recording
 from clt.initialization.motion.frame import CandidateFrame
 from clt.initialization.motion.heading_hypotheses import (
     WIDE_POSE_SIGMA,

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.recording import Floats, Recording
+from clt.core.arrays import Floats
+from clt.core.recording import Recording
 from clt.filters.kalman import eskf
 from clt.model.filter_inputs import FilterInputs, Outputs, schedule_events
 from clt.model.noise import MIN_SIGMA_OMEGA, MIN_SIGMA_V

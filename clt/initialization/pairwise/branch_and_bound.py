@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.initialization.pairwise.descents import (
     CELL_BEGIN_FIELDS,
     CELL_FARTHEST,

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.initialization.pairwise.likelihood import (
     AT_DISTANCE,
     COST,

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.geometry import rotation_matrix
-from clt.core.recording import Floats
 from clt.initialization.pairwise.likelihood import (
     DISTANCE,
     PHI,

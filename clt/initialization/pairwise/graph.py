@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.geometry import relative_pose, rotation_matrix, wrap_angle
-from clt.core.recording import Floats
 from clt.initialization.pairwise.hypotheses import PairHypotheses
 
 MAX_JOINT_HYPOTHESES = 64

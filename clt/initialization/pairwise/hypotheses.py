@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.initialization.pairwise.evidence import evidence_share
 from clt.initialization.pairwise.likelihood import COST, LOG_DET, PairRanges
 from clt.initialization.pairwise.modes import MAX_LEFT_OUT_SHARE, hypothesis_seeds, shift_to_peak

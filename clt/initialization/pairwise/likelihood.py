@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.jit.compiled import compiled_noalloc
 
 COST_FIELDS = 15

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.initialization.pairwise.likelihood import (
     AT_DISTANCE,
     COST,

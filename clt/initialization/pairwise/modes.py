@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from clt.core.arrays import Floats, Indices
 from clt.core.geometry import wrap_angle
-from clt.core.recording import Floats, Indices
 from clt.initialization.pairwise.descents import HALF_PHI, HALF_THETA
 from clt.initialization.pairwise.likelihood import (
     COST_FIELDS,

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.initialization.pairwise.branch_and_bound import pair_subset
 from clt.initialization.pairwise.descents import descend_from_all_sides
 from clt.initialization.pairwise.likelihood import (

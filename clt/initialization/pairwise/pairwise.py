@@ -10,8 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from clt.core.arrays import Floats, Indices
 from clt.core.errors import CltError
-from clt.core.recording import Floats, Indices, Recording
+from clt.core.recording import Recording
 from clt.initialization.pair_distances import MAX_RANGE_SIGMA, range_sigma
 from clt.initialization.pairwise.branch_and_bound import first_sweep_pair, search_cells
 from clt.initialization.pairwise.hypotheses import PairHypotheses, gather_hypotheses

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from clt.core.arrays import Floats, Indices
 from clt.core.geometry import wrap_angle
-from clt.core.recording import Floats, Indices
 from clt.initialization.pairwise.descents import CELL_FARTHEST, CELL_NEAREST, HALF_PHI, HALF_THETA
 from clt.initialization.pairwise.likelihood import (
     AT_DISTANCE,

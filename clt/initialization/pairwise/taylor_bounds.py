@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.initialization.pairwise.likelihood import (
     AT_DISTANCE,
     MIN_ANTENNA_DISTANCE,

@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from clt.core.arrays import Floats
 from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError
 from clt.core.geometry import UNIFORM_HEADING_SIGMA, wrap_angle
-from clt.core.recording import Floats, Recording
+from clt.core.recording import Recording
 from clt.core.start import Hypothesis, InitialPose, odometry_start
 from clt.initialization.pairwise.graph import JointHypothesis, PairGraph, combine_pairs
 from clt.initialization.pairwise.hypotheses import UNIQUE_PROBABILITY, PairHypotheses, is_sharp

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from clt.core.arrays import Floats, Indices, Stamps
 from clt.core.geometry import rotation_matrix
-from clt.core.recording import Floats, Indices, Stamps
 from clt.model.settings import NoiseSettings
 from clt.model.state_space import MAX_STANDSTILL_TWIST
 from clt.model.twist_segments import TwistSegments

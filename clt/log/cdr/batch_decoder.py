@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.recording import Indices
+from clt.core.arrays import Bools, Bytes, Indices
 from clt.log.cdr import fallback_decoder
 from clt.log.cdr.msgdef import Struct
 from clt.log.cdr.paths import LeafType, resolve_path
@@ -27,10 +27,9 @@ from clt.log.cdr.reader import (
     UnsupportedLayoutError,
     locate_fields,
 )
-from clt.log.mcap.table import Bytes, Messages, gather_items
+from clt.log.mcap.table import Messages, gather_items
 
 Column = NDArray[np.generic]
-Mask = NDArray[np.bool_]
 MAX_LAYOUTS = 64
 """After so many layouts of one topic the rest is read message by message."""
 MAX_FETCH_GAP_BYTES = 64
@@ -45,7 +44,7 @@ class DecodedColumns:
     """
 
     columns: Mapping[str, Column]
-    good: Mask
+    good: Bools
     """False where the bytes of a message do not fit its definition; its row is empty."""
 
 
@@ -92,9 +91,9 @@ def decode_columns(
     return DecodedColumns(columns, good)
 
 
-def _fits(messages: Messages, rows: Indices, layout: MessageLayout, sample: bytes) -> Mask:
+def _fits(messages: Messages, rows: Indices, layout: MessageLayout, sample: bytes) -> Bools:
     """Which messages have the length and the deciding bytes of the sample."""
-    fits: Mask = messages.length[rows] == len(sample)
+    fits: Bools = messages.length[rows] == len(sample)
     for offset, width in [(0, 2), *((offset, 4) for offset, _ in layout.words)]:
         starts = messages.offset[rows[fits]] + offset
         found = gather_items(messages.data, starts, np.dtype(f"<u{width}"))

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from clt.core.recording import Indices
+from clt.core.arrays import Bytes, Indices
 from clt.log.cdr.msgdef import Struct
 from clt.log.cdr.paths import LeafType
 from clt.log.cdr.reader import (
@@ -17,7 +17,7 @@ from clt.log.cdr.reader import (
     UnsupportedLayoutError,
     locate_fields,
 )
-from clt.log.mcap.table import Bytes, Messages
+from clt.log.mcap.table import Messages
 
 MAX_MESSAGE_STEPS = 1_000_000
 """As many values of one message are walked."""

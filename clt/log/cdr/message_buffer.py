@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.recording import Indices
+from clt.core.arrays import Indices
 from clt.log.cdr import batch_decoder
 from clt.log.cdr.batch_decoder import DecodedColumns
 from clt.log.cdr.msgdef import Struct

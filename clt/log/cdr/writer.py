@@ -13,17 +13,15 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from clt.core.arrays import NS_PER_SECOND, Bytes, Stamps
 from clt.core.errors import LogError
-from clt.core.recording import Stamps
 from clt.log.cdr import schemas
 
-Bytes = NDArray[np.uint8]
 LayoutConstants = Mapping[str, str | int]
 
 ENCAPSULATION_HEADER = b"\x00\x01\x00\x00"
-NS_PER_SECOND = 1_000_000_000
 NUMBER_CODES = {"bool": "?", "byte": "u1", "char": "u1", "float32": "<f4", "float64": "<f8"} | {
     kind: f"<{'u' if kind[0] == 'u' else 'i'}{int(kind.split('int')[1]) // 8}"
     for kind in schemas.INTEGER_TYPES

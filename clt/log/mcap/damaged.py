@@ -7,10 +7,11 @@ from io import BytesIO
 
 import numpy as np
 
+from clt.core.arrays import Bytes
 from clt.log.mcap.byte_source import ByteSource
 from clt.log.mcap.records import CHANNEL, MESSAGE, RECORD_HEAD, SCHEMA
 from clt.log.mcap.resync import SearchBudget, skip_to_sound_record
-from clt.log.mcap.table import Bytes, ContainerRecords, walk_records
+from clt.log.mcap.table import ContainerRecords, walk_records
 
 
 @dataclass(frozen=True)

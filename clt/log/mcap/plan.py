@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from mcap.opcode import Opcode
 
-from clt.core.recording import Indices, Stamps
-from clt.log.cdr.writer import Bytes
+from clt.core.arrays import Bytes, Indices, Stamps
 
 CHUNK_BYTES = 1 << 20
 """Bytes of an uncompressed chunk; it ends with the message that reaches this."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from clt.core.recording import Indices
+from clt.core.arrays import Bytes, Indices
 from clt.log.faults import Faults
 from clt.log.mcap import records
 from clt.log.mcap.byte_source import ByteSource
@@ -43,7 +43,7 @@ from clt.log.mcap.resync import (
     plausible_length,
     skip_to_sound_record,
 )
-from clt.log.mcap.table import Bytes, Messages, find_records, message_table, walk_records
+from clt.log.mcap.table import Messages, find_records, message_table, walk_records
 
 FileRecord = Header | Schema | ChannelRecord | Metadata | AttachmentRecord | Messages
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.recording import Attachment, Indices
+from clt.core.arrays import Indices
+from clt.core.recording import Attachment
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEAD = struct.Struct("<BQ")

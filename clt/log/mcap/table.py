@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.recording import Indices, Stamps
+from clt.core.arrays import Bytes, Indices, Stamps
 from clt.log.mcap.records import CHANNEL, MESSAGE, RECORD_HEAD, SCHEMA
 
-Bytes = NDArray[np.uint8]
 Int32s = NDArray[np.int32]
 """Columns of messages are many: no wider than need be."""
 

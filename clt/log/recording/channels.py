@@ -11,18 +11,9 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clt.core.arrays import Floats, Indices, Stamps
 from clt.core.errors import LogError
-from clt.core.recording import (
-    Floats,
-    Indices,
-    Innovations,
-    Odometry,
-    Poses,
-    Ranges,
-    Robot,
-    Stamps,
-    Team,
-)
+from clt.core.recording import Innovations, Odometry, Poses, Ranges, Robot, Team
 from clt.core.trig import cos_sin
 from clt.log.cdr.writer import PayloadLayout, payload_layout, stamp_columns
 from clt.log.mcap.plan import OutputChannel, RowSelection

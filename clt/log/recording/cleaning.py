@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from clt.core.recording import Floats, Indices, Stamps
+from clt.core.arrays import Bools, Floats, Indices, Stamps
 from clt.log.faults import Faults
-
-Mask = NDArray[np.bool_]
 
 COMPARED_BLOCK_ROWS = 1 << 16
 """Ranges that are compared with each other at a time, and those of the last one's stamp."""
@@ -16,7 +13,7 @@ MAX_MEASUREMENT = 1e12
 """No measurement in SI units is larger; squares of what passes are still numbers."""
 
 
-def drop_rows(faults: Faults, place: str, kind: str, bad: Mask, text: str) -> Mask:
+def drop_rows(faults: Faults, place: str, kind: str, bad: Bools, text: str) -> Bools:
     """The rows to keep; the others are a fault that lost data."""
     count = int(np.count_nonzero(bad))
     if count > 0:
@@ -25,7 +22,7 @@ def drop_rows(faults: Faults, place: str, kind: str, bad: Mask, text: str) -> Ma
 
 
 def usable_rows(
-    faults: Faults, place: str, good: Mask, *values: Floats, most: float = MAX_MEASUREMENT
+    faults: Faults, place: str, good: Bools, *values: Floats, most: float = MAX_MEASUREMENT
 ) -> Indices:
     """Rows that were decoded and whose values are finite and at most `most` in magnitude."""
     fits = drop_rows(faults, place, "decode", ~good, "messages do not fit their definition")
@@ -51,7 +48,7 @@ def sorted_rows(faults: Faults, place: str, stamp: Stamps) -> Indices:
     return np.argsort(stamp, kind="stable")
 
 
-def first_of_each_stamp(faults: Faults, place: str, stamp: Stamps) -> Mask:
+def first_of_each_stamp(faults: Faults, place: str, stamp: Stamps) -> Bools:
     """The rows to keep of a sorted stream of one robot: the first of each stamp."""
     again = np.zeros(len(stamp), np.bool_)
     again[1:] = np.diff(stamp) == 0
@@ -60,7 +57,7 @@ def first_of_each_stamp(faults: Faults, place: str, stamp: Stamps) -> Mask:
 
 def distinct_ranges(
     faults: Faults, stamp: Stamps, source: Indices, target: Indices, value: Floats, robots: int
-) -> Mask:
+) -> Bools:
     """The ranges to keep of a table sorted by stamp.
 
     Of several with the same stamp and the same ends the first stays; of A-B and B-A with the same
@@ -82,7 +79,7 @@ def distinct_ranges(
 
 def _repeated(
     stamp: Stamps, source: Indices, target: Indices, value: Floats, robots: int
-) -> tuple[Mask, Mask]:
+) -> tuple[Bools, Bools]:
     """Which ranges repeat stamp and ends, and which of the others mirror one."""
     source, target = source.astype(np.int64), target.astype(np.int64)
     epoch = np.zeros(len(stamp), np.int64)
@@ -95,7 +92,7 @@ def _repeated(
     return again, mirrored
 
 
-def _repeats(key: Indices, value: Floats | None = None) -> Mask:
+def _repeats(key: Indices, value: Floats | None = None) -> Bools:
     """Rows whose key (and value, where given) an earlier row has; keys are nearly sorted."""
     again = np.zeros(len(key), np.bool_)
     if np.all(np.diff(key) > 0):
@@ -108,7 +105,7 @@ def _repeats(key: Indices, value: Floats | None = None) -> Mask:
     return again
 
 
-def _drop_repeated(faults: Faults, place: str, again: Mask, text: str) -> Mask:
+def _drop_repeated(faults: Faults, place: str, again: Bools, text: str) -> Bools:
     count = int(np.count_nonzero(again))
     if count > 0:
         what = f"{count} of {len(again)} messages {text}; the first was kept"

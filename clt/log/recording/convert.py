@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from clt.core.arrays import NS_PER_SECOND, Floats, Indices, Stamps
 from clt.core.errors import LogError
 from clt.core.geometry import heading_of_quaternion
 from clt.core.printable import printable_name as shown
-from clt.core.recording import Floats, Indices, Odometry, Poses, Stamps
+from clt.core.recording import Odometry, Poses
 from clt.log.cdr.batch_decoder import Column, DecodedColumns
 from clt.log.cdr.msgdef import Struct
 from clt.log.cdr.paths import PathError, resolve_path
@@ -35,8 +36,7 @@ POSE_PATHS: dict[str, tuple[str, str, str | None]] = {
     "nav_msgs/Odometry": ("pose.pose.position", "pose.pose.orientation", "pose.covariance"),
     "geometry_msgs/TransformStamped": ("transform.translation", "transform.rotation", None),
 }
-SECOND = 1_000_000_000
-ROS_TIME_END_NS = SECOND << 31
+ROS_TIME_END_NS = NS_PER_SECOND << 31
 """The first stamp that does not fit the 32 bits of ROS 2 time, ns."""
 MAX_INT64 = (1 << 63) - 1
 PLANAR_ROWS = [0, 1, 5]
@@ -147,10 +147,15 @@ def decode_topic(log: Log, topic: str, paths: list[str], log_time: bool) -> Deco
 
 def stamps_of_fields(seconds: Indices, rest: Indices) -> Stamps:
     """Stamps (n,) of a time in two fields; -1 where they are no ROS 2 time."""
-    fits = (seconds >= 0) & (seconds < ROS_TIME_END_NS // SECOND) & (rest >= 0) & (rest < 1 << 32)
+    fits = (
+        (seconds >= 0)
+        & (seconds < ROS_TIME_END_NS // NS_PER_SECOND)
+        & (rest >= 0)
+        & (rest < 1 << 32)
+    )
     if fits.all():
-        return seconds * SECOND + rest
-    return np.where(fits, np.where(fits, seconds, 0) * SECOND + np.where(fits, rest, 0), -1)
+        return seconds * NS_PER_SECOND + rest
+    return np.where(fits, np.where(fits, seconds, 0) * NS_PER_SECOND + np.where(fits, rest, 0), -1)
 
 
 def _drop_impossible_times(log: Log, data: DecodedTopic) -> DecodedTopic:

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from clt.core.arrays import Indices
 from clt.core.errors import LogError
 from clt.core.printable import printable_name as shown
-from clt.core.recording import Indices, Team, UwbPackets, no_uwb_packets
+from clt.core.recording import Team, UwbPackets, no_uwb_packets
 from clt.core.ticks import COUNTER_PERIOD_TICKS
 from clt.log.cdr.batch_decoder import Column
 from clt.log.cdr.msgdef import parse_definition

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from clt.core.arrays import Floats, Indices, Stamps
 from clt.core.errors import LogError
 from clt.core.printable import printable_name as shown
-from clt.core.recording import Floats, Indices, Innovations, Ranges, Stamps, Team, no_ranges
+from clt.core.recording import Innovations, Ranges, Team, no_ranges
 from clt.log.cdr.msgdef import Struct
 from clt.log.cdr.paths import PathError, resolve_path
 from clt.log.faults import Faults

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.recording import Indices, Odometry, Poses, Ranges, Recording, Robot, Stamps, Team
+from clt.core.arrays import Indices, Stamps
+from clt.core.recording import Odometry, Poses, Ranges, Recording, Robot, Team
 from clt.log.recording.load import LoadedLog
 
 GAP_FACTOR = 3.0

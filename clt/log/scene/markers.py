@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clt.core.recording import Floats, Stamps
-from clt.log.cdr.writer import Bytes, PayloadLayout, payload_layout, stamp_columns
+from clt.core.arrays import Bytes, Floats, Stamps
+from clt.log.cdr.writer import PayloadLayout, payload_layout, stamp_columns
 
 ARROW, CUBE, CYLINDER, LINE_STRIP, LINE_LIST, TEXT = 0, 1, 3, 4, 5, 9
 LINE_WIDTH = 0.03

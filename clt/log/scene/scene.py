@@ -12,17 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clt.core.recording import (
-    WORLD_FRAME,
-    Floats,
-    Innovations,
-    Poses,
-    Ranges,
-    Recording,
-    Robot,
-    Stamps,
-)
-from clt.log.cdr.writer import Bytes, payload_layout, stamp_columns
+from clt.core.arrays import Bytes, Floats, Stamps
+from clt.core.recording import WORLD_FRAME, Innovations, Poses, Ranges, Recording, Robot
+from clt.log.cdr.writer import payload_layout, stamp_columns
 from clt.log.mcap.plan import OutputChannel, RowSelection, channel_of_payloads
 from clt.log.scene.markers import Markers
 

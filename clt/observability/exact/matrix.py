@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.observability.exact.codistribution import lie_derivatives
 from clt.observability.exact.polynomial import Polynomial
 from clt.observability.exact.rank import state_entries

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.observability.windows.reference import ReferenceTrajectories
 from clt.observability.windows.sweep import (
     WindowMotion,

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clt.core.arrays import Floats, Stamps
 from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError
-from clt.core.recording import Floats, Poses, Ranges, Recording, Robot, Stamps
+from clt.core.recording import Poses, Ranges, Recording, Robot
 from clt.core.start import median_period
 from clt.initialization.given.recorded import recorded_poses
 from clt.model.noise import DEFAULT_SIGMA_OMEGA, DEFAULT_SIGMA_V, first_known

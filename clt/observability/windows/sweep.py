@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices
+from clt.core.arrays import Floats, Indices
 from clt.jit.compiled import compiled_noalloc
 
 MIN_END_DISTANCE = 1e-9

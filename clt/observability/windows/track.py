@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from clt.core.arrays import Bools, Floats, Stamps
 from clt.core.geometry import wrap_angle
-from clt.core.recording import Floats, Odometry, Poses, Recording, Robot, Stamps
+from clt.core.recording import Odometry, Poses, Recording, Robot
 from clt.model.motion_phases import (
-    Mask,
     MotionPhase,
     OdometryNoise,
     estimate_odometry_noise,
@@ -110,7 +110,7 @@ def find_rests(
     ]
 
 
-def _some_window(found: Mask, odometry: Odometry) -> Mask:
+def _some_window(found: Bools, odometry: Odometry) -> Bools:
     """Samples of which any window of M is true."""
     if found.size == 0:
         return np.zeros(odometry.v.size, np.bool_)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clt.core.arrays import Floats, Indices
 from clt.core.errors import CltError, UsageError
 from clt.core.geometry import wrap_angle
-from clt.core.recording import Floats, Indices
 from clt.observability.windows.gramian import state_columns, window_information
 from clt.observability.windows.reference import ReferenceTrajectories
 

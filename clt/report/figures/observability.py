@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
 
-from clt.core.recording import Floats
+from clt.core.arrays import Floats
 from clt.observability.windows.windows import (
     OBSERVED_HEADING_SIGMA,
     OBSERVED_POSITION_SIGMA,

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 
-from clt.core.recording import Floats, Indices, Stamps, Team
+from clt.core.arrays import Floats, Indices, Stamps
+from clt.core.recording import Team
 from clt.report.figures.style import INK_COLOUR, ROBOT_COLOURS, style_axes
 from clt.report.figures.thin import decimation_slice
 

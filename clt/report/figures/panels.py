@@ -10,9 +10,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from clt.core.recording import Floats, Innovations, Poses, Recording, Stamps
+from clt.core.arrays import NS_PER_SECOND, Floats, Stamps
+from clt.core.recording import Innovations, Poses, Recording
 from clt.metrics.align import Transform
-from clt.metrics.associate import SECOND
 from clt.metrics.evaluation import EstimateScores, Evaluation
 from clt.report.figures.paths import (
     MAX_LINE_GAP,
@@ -277,13 +277,13 @@ def matched_time_limits(evaluation: Evaluation) -> tuple[float, float]:
     """First and last matched moment, in the time of the panels, s."""
     stamps = [matched.stamp for matched in evaluation.estimate.tracks.values()]
     first, last = min(s[0] for s in stamps), max(s[-1] for s in stamps)
-    return 0.0, max(float((last - first) / SECOND), 1e-3)
+    return 0.0, max(float((last - first) / NS_PER_SECOND), 1e-3)
 
 
 def _time(stamp: Stamps, evaluation: Evaluation) -> Floats:
     """Seconds since the first matched truth pose of the team."""
     start = min(int(matched.stamp[0]) for matched in evaluation.estimate.tracks.values())
-    return np.asarray((stamp - start) / SECOND)
+    return np.asarray((stamp - start) / NS_PER_SECOND)
 
 
 def _longest_axis_variance(covariance: Floats) -> Floats:

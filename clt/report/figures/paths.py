@@ -9,7 +9,7 @@ from matplotlib.patches import Ellipse, Patch
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation
 
-from clt.core.recording import Floats, Stamps
+from clt.core.arrays import Floats, Stamps
 from clt.report.figures.thin import break_at_gaps, decimation_slice
 
 MAX_NAMED_ROBOTS = 8

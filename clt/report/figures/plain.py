@@ -12,9 +12,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from clt.core.arrays import Floats, Stamps
 from clt.core.errors import CltError
 from clt.core.geometry import is_heading_unknown
-from clt.core.recording import Floats, Recording, Stamps
+from clt.core.recording import Recording
 from clt.report.figures import pairs
 from clt.report.figures.paths import (
     MAX_LINE_GAP,

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clt.core.arrays import Floats, Stamps
 from clt.core.geometry import rotation_matrix
-from clt.core.recording import WORLD_FRAME, Floats, Poses, Recording, Stamps
+from clt.core.recording import WORLD_FRAME, Poses, Recording
 from clt.log.recording.channels import integrate_odometry
 from clt.report.figures.pairs import PairSeries, series_by_pair
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.core.recording import Floats, Indices, Stamps
+from clt.core.arrays import Floats, Indices, Stamps
 
 
 def envelope_rows(values: Floats, bins: int = 900) -> Indices:

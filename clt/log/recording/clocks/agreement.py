@@ -15,16 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clt.core.recording import (
-    Floats,
-    Indices,
-    Odometry,
-    Poses,
-    Ranges,
-    Recording,
-    Stamps,
-    UwbPackets,
-)
+from clt.core.arrays import Floats, Indices, Stamps
+from clt.core.recording import Odometry, Poses, Ranges, Recording, UwbPackets
 
 MAX_CLOCK_DIFFERENCE_S = 3.0
 """Clocks further apart than this are wrong, s: networks delay by less in the median."""

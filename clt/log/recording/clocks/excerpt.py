@@ -8,16 +8,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from clt.core.recording import (
-    Indices,
-    Innovations,
-    Odometry,
-    Poses,
-    Ranges,
-    Recording,
-    Stamps,
-    UwbPackets,
-)
+from clt.core.arrays import Indices, Stamps
+from clt.core.recording import Innovations, Odometry, Poses, Ranges, Recording, UwbPackets
 from clt.log.recording.clocks.parts import LogPart
 from clt.log.recording.clocks.timeline import TRUTH_MARGIN_NS, Timeline
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from clt.core.recording import Floats, Recording, Stamps
+from clt.core.arrays import Floats, Stamps
+from clt.core.recording import Recording
 from clt.log.recording.clocks.agreement import MAX_CLOCK_DIFFERENCE_S
 
 MAX_EXTENT_DIFFERENCE_S = 1.0

@@ -9,7 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from clt.core.recording import Indices, Recording
+from clt.core.arrays import Indices
+from clt.core.recording import Recording
 from clt.log.recording.clocks.agreement import (
     MAX_CLOCK_DIFFERENCE_S,
     ClockSegment,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clt.core.recording import Indices, Stamps
+from clt.core.arrays import Indices, Stamps
 from clt.log.recording.clocks.agreement import TIMING_ROLES, ClockSegment
 
 MIN_PAUSE_NS = 30_000_000_000

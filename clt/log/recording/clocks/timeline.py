@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clt.core.recording import Fault, Indices, Recording, Stamps
+from clt.core.arrays import Indices, Stamps
+from clt.core.recording import Fault, Recording
 from clt.log.faults import Faults
 from clt.log.recording.clocks.agreement import (
     ClockSegment,
