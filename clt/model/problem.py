@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,9 +24,15 @@ from clt.core.start import InitialPose, Start
 from clt.model.belief import Belief, Prior, belief_from_prior, make_prior
 from clt.model.choices import FrameSpec
 from clt.model.filter_inputs import FilterInputs, Outputs, schedule_events
+from clt.model.range_errors import RangeErrors, count_pairs, lay_out_range_errors, no_range_errors
 from clt.model.range_table import RangeTable, range_table
 from clt.model.settings import FilterSettings
-from clt.model.state_space import WORLD_REFERENCE, StateSpace, make_state_space
+from clt.model.state_space import (
+    ODOMETRY_ERROR_STATES,
+    WORLD_REFERENCE,
+    StateSpace,
+    make_state_space,
+)
 from clt.model.twist_segments import TwistSegments, join_segments, no_segments, robot_segments
 from clt.model.unused import EARLY_END_NS, idle_static_robots, is_uncertain, unused_ranges
 
@@ -38,6 +45,7 @@ MAX_OUTPUTS_PER_SAMPLE = 100
 NO_ODOMETRY, NO_INITIAL_POSE = "no_odometry", "no_initial_pose"
 """Kinds of diagnostics: why a robot is not in the state."""
 WORLD_FRAME_SPEC = FrameSpec("world")
+NO_OUTPUTS = Outputs(np.empty(0, np.int64), np.empty(0, np.int64))
 
 
 @dataclass(frozen=True)
@@ -61,6 +69,8 @@ class Problem:
     """The same of each block's robot, shape (B, 2)."""
     segments: TwistSegments
     ranges: RangeTable
+    errors: RangeErrors
+    """How its ranges err."""
     outputs: Outputs
     start: int
     end: int
@@ -80,6 +90,7 @@ class Problem:
             self.lever,
             self.segments,
             self.ranges,
+            self.errors,
             self.outputs,
             schedule_events(self.ranges, self.outputs),
             self.start,
@@ -97,6 +108,13 @@ class Problem:
         """Of the same, shape (N, N)."""
         covariance: Floats = self.belief.covariance[0]
         return covariance
+
+
+class DriverTwists(NamedTuple):
+    """Twist segments of all drivers, and what had to be assumed of them."""
+
+    segments: TwistSegments
+    diagnostics: tuple[Diagnostic, ...]
 
 
 @dataclass(frozen=True)
@@ -172,9 +190,20 @@ def reason_left_out(found: Diagnostic) -> str:
 
 
 def build_problem(
-    recording: Recording, start: Start, settings: FilterSettings, view: FrameSpec = WORLD_FRAME_SPEC
+    recording: Recording,
+    start: Start,
+    settings: FilterSettings,
+    view: FrameSpec = WORLD_FRAME_SPEC,
+    *,
+    lasting_range_errors: bool = False,
+    twists: DriverTwists | None = None,
+    with_outputs: bool = True,
 ) -> Problem:
-    """Lay a recording out for a filter. Raises CltError where nothing can be estimated."""
+    """Lay a recording out for a filter. Raises CltError where nothing can be estimated.
+
+    lasting_range_errors: the filter estimates those, and weighs outliers. twists: what
+    `driver_segments` gives, where that is known. `with_outputs`: estimates are wanted.
+    """
     cast = choose_states(recording, start, view)
     names, team = cast.names, recording.team
     odometry = {name: recording.odometry[name] for name in names if name in recording.odometry}
@@ -182,7 +211,8 @@ def build_problem(
         why = f": {reason_left_out(cast.left_out[0])}" if len(cast.left_out) > 0 else ""
         raise CltError(f"no moving robot can be localized{why}")
     end = max(int(stream.stamp[-1]) for stream in odometry.values())
-    parts, notes = driver_segments(recording, names, settings, start.stamp, end)
+    if twists is None:
+        twists = driver_segments(recording, names, settings, start.stamp, end)
     table, said, placed = range_measurements(recording, start, cast, view, settings, end)
     left_out = [*cast.left_out, *unused_ranges(recording, placed, end)]
     if table.row.size == 0:
@@ -194,12 +224,17 @@ def build_problem(
             left_out.append(Diagnostic("odometry_ends_early", name, "partial", early))
     sigmas = settings.noise.lasting
     calibrated = [d for d, name in enumerate(names) if name in odometry and any(sigmas)]
+    first = 3 * len(cast.who) + ODOMETRY_ERROR_STATES * len(calibrated)
+    errors = no_range_errors(count_pairs(table))
+    range_sigmas: tuple[float, ...] = ()
+    if lasting_range_errors:
+        errors, range_sigmas, _ = lay_out_range_errors(table, recording.ranges, first, settings)
     prior = make_prior(
         start,
         names,
         cast.who,
         cast.base,
-        sigmas * len(calibrated),
+        (*(sigmas * len(calibrated)), *range_sigmas),
         still=[name for name in names if name not in odometry],
     )
     robots = tuple(names[j] for j in cast.who)
@@ -216,12 +251,15 @@ def build_problem(
         belief_from_prior(prior),
         antenna,
         antenna[list(cast.who)],
-        join_segments(parts),
+        twists.segments,
         table,
-        output_times(cast, {name: odometry[name].stamp for name in odometry}, start.stamp),
+        errors,
+        output_times(cast, {name: odometry[name].stamp for name in odometry}, start.stamp)
+        if with_outputs
+        else NO_OUTPUTS,
         start.stamp,
         end,
-        (*idle_static_robots(recording, start, view), *notes, *said, *left_out),
+        (*idle_static_robots(recording, start, view), *twists.diagnostics, *said, *left_out),
     )
 
 
@@ -233,7 +271,7 @@ def fixed_frame_id(start: Start) -> str:
 
 def driver_segments(
     recording: Recording, names: Sequence[str], settings: FilterSettings, start: int, end: int
-) -> tuple[list[TwistSegments], list[Diagnostic]]:
+) -> DriverTwists:
     """Twist segments of each robot from `start` to `end` (ns), and what had to be assumed."""
     parts: list[TwistSegments] = []
     notes: list[Diagnostic] = []
@@ -246,7 +284,7 @@ def driver_segments(
             notes += said
         else:
             parts.append(no_segments())
-    return parts, notes
+    return DriverTwists(join_segments(parts), tuple(notes))
 
 
 def range_measurements(

@@ -107,4 +107,4 @@ def solve_team_ekf(problem: Problem, settings: FilterSettings) -> Solution:
 def filter_team_ekf(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
     """Run the filter alone."""
     team = TeamEkf(problem, settings, hold=hold)
-    return replace(run_filterpy(team, problem, settings.gate), memory=team.shift)
+    return replace(run_filterpy(team, problem, settings.nis_gate), memory=team.shift)

@@ -138,4 +138,4 @@ def solve_team_ukf(problem: Problem, settings: FilterSettings) -> Solution:
 
 def filter_team_ukf(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
     """Run the filter alone."""
-    return run_filterpy(TeamUkf(problem, settings, hold=hold), problem, settings.gate)
+    return run_filterpy(TeamUkf(problem, settings, hold=hold), problem, settings.nis_gate)

@@ -17,6 +17,7 @@ from clt.core.recording import Recording
 from clt.filters.kalman import eskf
 from clt.model.filter_inputs import FilterInputs, Outputs, schedule_events
 from clt.model.noise import MIN_SIGMA_OMEGA, MIN_SIGMA_V
+from clt.model.range_errors import count_pairs, no_range_errors
 from clt.model.range_table import RangeTable, range_table
 from clt.model.settings import FilterSettings, NoiseSettings
 from clt.model.state_space import world_state_space
@@ -53,6 +54,7 @@ class StartWindow:
             self.lever,
             self.segments,
             self.ranges,
+            no_range_errors(count_pairs(self.ranges)),
             NO_OUTPUTS,
             schedule_events(self.ranges, NO_OUTPUTS),
             self.start,
@@ -129,13 +131,13 @@ def filter_window(window: StartWindow, mean: Floats, covariance: Floats) -> eskf
         mean,
         covariance,
         window.inputs,
-        eskf.EskfOptions(window.settings.gate, EXACT_NOISE),
+        eskf.EskfOptions(window.settings.nis_gate, EXACT_NOISE),
     )
 
 
 def bounded_nis(window: StartWindow, result: eskf.KalmanOutput) -> Floats:
     """NIS of each range, cut off: however far off a range is, it may have been an outlier."""
-    worst = window.settings.gate if window.settings.gate > 0.0 else MAX_UNGATED_NIS
+    worst = window.settings.nis_gate if window.settings.nis_gate > 0.0 else MAX_UNGATED_NIS
     return np.minimum(result.residual**2 / result.variance, worst)
 
 
