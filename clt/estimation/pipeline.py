@@ -44,7 +44,7 @@ def estimate(
     Raises CltError where nothing can be estimated.
     """
     found: tuple[Diagnostic, ...] = ()
-    if settings.noise.estimate and estimator.lasting_range_errors and len(start.hypotheses) <= 1:
+    if settings.noise.estimate and len(start.hypotheses) <= 1:
         noise = estimate_noise(recording, start, settings, estimator.view)
         settings, found = noise.settings, noise.diagnostics
     if as_received:

@@ -24,7 +24,14 @@ from clt.core.start import InitialPose, Start
 from clt.model.belief import Belief, Prior, belief_from_prior, make_prior
 from clt.model.choices import FrameSpec
 from clt.model.filter_inputs import FilterInputs, Outputs, schedule_events
-from clt.model.range_errors import RangeErrors, count_pairs, lay_out_range_errors, no_range_errors
+from clt.model.range_errors import (
+    MAX_SLOW_PAIRS,
+    RangeErrors,
+    count_pairs,
+    lay_out_range_errors,
+    no_range_errors,
+    with_slow_noise,
+)
 from clt.model.range_table import RangeTable, range_table
 from clt.model.settings import FilterSettings
 from clt.model.state_space import (
@@ -227,6 +234,9 @@ def build_problem(
     first = 3 * len(cast.who) + ODOMETRY_ERROR_STATES * len(calibrated)
     errors = no_range_errors(count_pairs(table))
     range_sigmas: tuple[float, ...] = ()
+    if not lasting_range_errors or count_pairs(table) > MAX_SLOW_PAIRS:
+        table = with_slow_noise(table, settings.noise)
+        settings = without_lasting_range_errors(settings)
     if lasting_range_errors:
         errors, range_sigmas, _ = lay_out_range_errors(table, recording.ranges, first, settings)
     prior = make_prior(
@@ -261,6 +271,12 @@ def build_problem(
         end,
         (*idle_static_robots(recording, start, view), *twists.diagnostics, *said, *left_out),
     )
+
+
+def without_lasting_range_errors(settings: FilterSettings) -> FilterSettings:
+    """Settings whose ranges have white noise alone."""
+    none = {"slow": 0.0, "offset": 0.0, "gain": 0.0}
+    return settings.model_copy(update={"noise": settings.noise.model_copy(update=none)})
 
 
 def fixed_frame_id(start: Start) -> str:

@@ -18,6 +18,7 @@ import numpy as np
 
 from clt.core.arrays import Indices
 from clt.core.recording import Ranges
+from clt.model.noise import inflated_variances
 from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings, NoiseSettings, OutlierSettings
 
@@ -121,7 +122,7 @@ def lay_out_range_errors(
     if noise.gain > 0.0 and pairs > 0:
         found = found._replace(gain=first + len(sigma))
         sigma += [noise.gain]
-    if noise.slow > 0.0 and pairs <= MAX_SLOW_PAIRS:
+    if noise.slow > 0.0:
         slow = first + len(sigma) + np.arange(pairs)
         sigma += [noise.slow] * pairs
         found = found._replace(slow=slow, sigma_slow=noise.slow, tau=noise.slow_time)
@@ -142,6 +143,18 @@ def supported_pairs(a: Indices, b: Indices) -> Indices:
     return (several[0] & several[1]).astype(np.int64)
 
 
-def enlarged_noise(noise: NoiseSettings, pairs: int) -> bool:
-    """Whether the slow errors of so many pairs are no states but larger noise."""
-    return noise.slow > 0.0 and pairs > MAX_SLOW_PAIRS
+def with_slow_noise(table: RangeTable, noise: NoiseSettings) -> RangeTable:
+    """The table with noise as large as slow errors and offsets that are no states make it.
+
+    Over many ranges an error of standard deviation s and correlation time tau carries what white
+    noise of variance s^2 (1 + rho) / (1 - rho) does, rho = exp(-dt / tau).
+    """
+    square = noise.slow**2 + 2.0 * noise.offset**2
+    if square == 0.0:
+        return table
+    more = inflated_variances(
+        np.full(table.stamp.size, square), table.stamp, table.pair, noise.slow_time
+    )
+    return table._replace(
+        variance=table.variance + square, weight_variance=table.weight_variance + more
+    )

@@ -20,8 +20,8 @@ class NoiseSettings(Settings):
     """What the filter believes of the sensors; None takes what the log has."""
 
     estimate: bool = True
-    """Whether the log decides on what is not set here, for the filters eskf and ekf: the errors of
-    odometry by motion, `scale`, `bias`, `sigma_range`, `slow`, `offset`, `outliers.isolated`."""
+    """Whether the log decides on what is not set here, from a unique start: the errors of odometry
+    by motion, `scale`, `bias`, `sigma_range`, `slow`, `offset`, `outliers.isolated`."""
     sigma_v: Positive | None = None
     """One odometry sample, m/s."""
     sigma_omega: Positive | None = None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from clt.cli.messages.misfit import misfit_text
 from clt.cli.messages.words import Texts, fill_template, first_few, times_in_words
 from clt.core.diagnostics import DIVERGED, Diagnostic
@@ -62,8 +64,7 @@ NOISE_UNITS = {
 
 def noise_estimated_text(found: Diagnostic) -> str:
     """What the log showed of its sensors in place of what is stated."""
-    noise = found.values["noise"]
-    assert isinstance(noise, dict)
+    noise: Mapping[str, float | None] = found.values["noise"]
     parts = [
         f"{key if '.' in key else f'noise.{key}'} {'as stated' if value is None else f'{value:g}'}"
         f"{'' if value is None else NOISE_UNITS.get(key, '')}"

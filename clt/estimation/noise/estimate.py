@@ -8,6 +8,7 @@ as an error that lasts is seen only a few times in one log: such errors are made
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +29,7 @@ from clt.estimation.noise.search import MIN_GAIN, NoiseSearch
 from clt.estimation.noise.thinning import thin_recording
 from clt.filters.kalman.free import use_first_estimates
 from clt.filters.kalman.gaussian import solve_eskf
+from clt.filters.kalman.trail import cut_problem
 from clt.model.choices import FrameSpec
 from clt.model.problem import Problem, build_problem
 from clt.model.settings import FilterSettings
@@ -79,7 +81,7 @@ def estimate_noise(
                 chosen = better_on_the_whole(recording, start, settings, view, chosen, nearby)
             else:
                 chosen = nearby
-    used = widened(chosen)
+    used = widened(chosen, pinned)
     changed = {key: value for key, value in used.items() if value != usual(settings, key)}
     values = {"noise": changed, "runs": len(search.found)}
     found = Diagnostic("noise_estimated", "", "information", values)
@@ -114,15 +116,17 @@ def settled_start(
 
     Noise that explains a wrong start would explain everything.
     """
-    problem = build_problem(recording, start, settings, view, lasting_range_errors=True)
-    solution = solve_eskf(problem, settings)
-    if solution.found is None or not np.any(solution.found) or view.kind != "world":
+    if view.kind != "world":
         return start
-    later = problem.start + round(SETTLED_SHARE * (problem.end - problem.start))
+    whole = build_problem(recording, start, settings, view, lasting_range_errors=True)
+    later = whole.start + round(SETTLED_SHARE * (whole.end - whole.start))
+    problem = cut_problem(whole, whole.start, later)
+    solution = solve_eskf(problem, settings)
+    if solution.found is None or not np.any(solution.found):
+        return start
     poses = dict(start.poses)
     for b, name in enumerate(problem.robots):
-        rows = (problem.outputs.robot == b) & (problem.outputs.stamp <= later)
-        last = np.flatnonzero(rows)[-1]
+        last = np.flatnonzero(problem.outputs.robot == b)[-1]
         poses[name] = InitialPose(solution.mean[last], solution.covariance[last])
     return replace(start, stamp=later, poses=poses, hypotheses=())
 
@@ -138,22 +142,24 @@ def better_on_the_whole(
     """The one noise where it is clearly better for the whole log as it is used, else the other."""
     found = []
     for values in (one, other):
-        trial = with_noise(settings, widened(values))
+        trial = with_noise(settings, widened(values, pinned_kinds(settings)))
         problem = build_problem(recording, start, trial, view, lasting_range_errors=True)
         density = solve_eskf(problem, trial).log_density
         found.append(-np.inf if density is None else float(np.sum(density)))
     return one if found[0] > found[1] + MIN_GAIN else other
 
 
-def widened(chosen: Values) -> Values:
-    """Noise to filter with, from the most probable."""
+def widened(chosen: Values, pinned: Collection[str]) -> Values:
+    """Noise to filter with, from the most probable; what is pinned stays."""
     slow = chosen.get("slow")
     if not slow:
         return chosen
-    found = dict(chosen)
-    found["slow"] = max(MIN_SLOW_M, SLOW_FACTOR * slow)
-    found["slow_time"] = max(MIN_SLOW_S, found.get("slow_time") or MIN_SLOW_S)
-    found["offset"] = max(MIN_OFFSET_M, found.get("offset") or 0.0)
-    if found.get("sigma_range"):
-        found["sigma_range"] = max(MIN_WHITE_M, found["sigma_range"] or 0.0)
-    return found
+    wide = {
+        "slow": max(MIN_SLOW_M, SLOW_FACTOR * slow),
+        "slow_time": max(MIN_SLOW_S, chosen.get("slow_time") or MIN_SLOW_S),
+        "offset": max(MIN_OFFSET_M, chosen.get("offset") or 0.0),
+    }
+    white = chosen.get("sigma_range")
+    if white:
+        wide["sigma_range"] = max(MIN_WHITE_M, white)
+    return {**chosen, **{key: value for key, value in wide.items() if key not in pinned}}

@@ -35,6 +35,12 @@ THREADS = 2
 """Filters that run at once."""
 
 
+def changed(chosen: Values, kind: str, value: float) -> Values:
+    """What is chosen with another value of one kind; the scales of v and omega are one kind."""
+    both = {"scale_omega": value} if kind == "scale" else {}
+    return {**chosen, kind: value, **both}
+
+
 @dataclass(frozen=True)
 class NoiseSearch:
     """Runs of the filter over one short log, each once."""
@@ -108,19 +114,25 @@ class NoiseSearch:
         per_range = MIN_GAIN_PER_RANGE.get(kind, 0.0)
         return max(MIN_GAIN, per_range * self.recording.ranges.range.size)
 
+    def begin(self, chosen: Values, kind: str) -> Values:
+        """The best value of a kind that is not there yet, where it is worth having."""
+        trials = [changed(chosen, kind, value) for value in GRIDS[kind] if value > 0.0]
+        best = trials[int(np.argmax(self.log_likelihoods(trials)))]
+        return self.better(best, chosen, self.least_gain(kind))
+
     def climb(self, chosen: Values, kind: str) -> Values:
         """Go from value to value of one kind for as long as that is better."""
         if kind in self.pinned or (kind.startswith("slow_") and not chosen.get("slow")):
             return chosen
         grid = np.array(GRIDS[kind])
         value = chosen.get(kind) or self.usual[kind]
+        if value == 0.0:
+            return self.begin(chosen, kind)
         at = int(np.argmin(np.abs(np.log((grid + 1e-4) / (value + 1e-4)))))
         for step in (1, -1):
             begun = at
             while 0 <= at + step < grid.size:
-                trial = {**chosen, kind: float(grid[at + step])}
-                if kind == "scale":
-                    trial["scale_omega"] = trial["scale"]
+                trial = changed(chosen, kind, float(grid[at + step]))
                 gain = MIN_STEP_GAIN if chosen.get(kind) else self.least_gain(kind)
                 if self.log_likelihood(trial) <= self.log_likelihood(chosen) + gain:
                     break
