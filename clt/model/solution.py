@@ -24,7 +24,7 @@ class Solution:
     variance: Floats
     """Of the residual, m^2."""
     verdict: Indices
-    """`eskf.RANGE_REJECTED` or `eskf.RANGE_USED`."""
+    """`eskf_state.RANGE_REJECTED` or `eskf_state.RANGE_USED`."""
     lost: Indices
     """How often each block looked lost and was searched for, shape (B,)."""
     belief: Belief

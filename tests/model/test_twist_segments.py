@@ -162,7 +162,7 @@ def test_a_gap_before_the_start_is_not_told():
 
 
 def test_after_its_last_sample_a_robot_goes_on_with_a_wide_error():
-    sampled = odometry(50 * MS * np.arange(1, 5), [0.0, 1.0, 0.0, 1.0], 0.0)
+    sampled = odometry(50 * MS * np.arange(1, 5), [0.0, 1.0, 0.0, 1.0], 1e-9)
     segments, _ = robot_segments(sampled, ROBOT, QUIET, 0, 450 * MS)
     assert segments.end[-1] == 450 * MS
     assert segments.v[-1] == 1.0
@@ -177,7 +177,7 @@ def test_a_single_sample_moves_nothing_before_its_stamp():
 
 
 def test_noise_nobody_tells_is_assumed_and_said():
-    sampled = odometry([50 * MS, 100 * MS], 0.0)
+    sampled = odometry([50 * MS, 100 * MS], 1.0)
     segments, notes = robot_segments(sampled, ROBOT, NoiseSettings(), 0, 100 * MS)
     assert len(notes) == 1
     assert (

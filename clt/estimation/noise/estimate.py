@@ -38,8 +38,11 @@ MIN_RANGES = 60
 """With fewer ranges nothing is estimated."""
 SETTLED_SHARE = 0.25
 """Of a log, after which robots that were lost at first count as found."""
-MIN_SLOW_M, SLOW_FACTOR, MIN_SLOW_S, MIN_WHITE_M, MIN_OFFSET_M = 0.1, 2.0, 3.0, 0.03, 0.05
-"""How wide errors that last are at least, and how much wider than the most probable value."""
+SLOW_FACTOR, MIN_SLOW_S = 2.0, 3.0
+"""How much wider than the most probable value slow errors are used, and how slow at least, s."""
+WHITE_SHARE, MAX_WHITE_FLOOR_M = 0.3, 0.03
+OFFSET_SHARE, MAX_OFFSET_FLOOR_M = 0.5, 0.05
+"""White noise and offsets beside them are at least such a share of them, or so large, m."""
 
 
 @dataclass(frozen=True)
@@ -155,11 +158,12 @@ def widened(chosen: Values, pinned: Collection[str]) -> Values:
     if not slow:
         return chosen
     wide = {
-        "slow": max(MIN_SLOW_M, SLOW_FACTOR * slow),
+        "slow": SLOW_FACTOR * slow,
         "slow_time": max(MIN_SLOW_S, chosen.get("slow_time") or MIN_SLOW_S),
-        "offset": max(MIN_OFFSET_M, chosen.get("offset") or 0.0),
     }
+    offset = min(OFFSET_SHARE * wide["slow"], MAX_OFFSET_FLOOR_M)
+    wide["offset"] = max(offset, chosen.get("offset") or 0.0)
     white = chosen.get("sigma_range")
     if white:
-        wide["sigma_range"] = max(MIN_WHITE_M, white)
+        wide["sigma_range"] = max(min(WHITE_SHARE * wide["slow"], MAX_WHITE_FLOOR_M), white)
     return {**chosen, **{key: value for key, value in wide.items() if key not in pinned}}

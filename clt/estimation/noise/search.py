@@ -71,6 +71,9 @@ class NoiseSearch:
         """The same for several, which run at once."""
         keys = [tuple(sorted(values.items())) for values in trials]
         new = {key: one for key, one in zip(keys, trials, strict=True) if key not in self.found}
+        if len(self.found) == 0:  # Kernels are compiled by one thread.
+            key, values = next(iter(new.items()))
+            self.found[key] = self.run(new.pop(key))
         for values in new.values():
             self.twists_with(values)
         with ThreadPoolExecutor(THREADS) as pool:

@@ -33,7 +33,7 @@ from clt.filters.distributed.team import (
     merge_groups,
     unreachable_seconds,
 )
-from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
+from clt.filters.kalman.eskf_state import RANGE_REJECTED, RANGE_USED
 from clt.model.filter_inputs import Outputs
 from clt.model.problem import Problem
 from clt.model.settings import FilterSettings

@@ -22,7 +22,7 @@ from clt.filters.filterpy.model import (
     step_noise,
 )
 from clt.filters.filterpy.run import gate_ranges, run_filterpy
-from clt.filters.kalman.eskf import RANGE_USED
+from clt.filters.kalman.eskf_state import RANGE_USED
 from clt.filters.kalman.free import (
     Instant,
     directions_for_problem,

@@ -20,7 +20,7 @@ from clt.filters.filterpy.model import (
     step_noise,
 )
 from clt.filters.filterpy.run import gate_ranges, run_filterpy
-from clt.filters.kalman.eskf import RANGE_USED
+from clt.filters.kalman.eskf_state import RANGE_USED
 from clt.filters.kalman.free import (
     Instant,
     add_unobservable,

@@ -13,7 +13,7 @@ import numpy as np
 
 from clt.core.arrays import Floats
 from clt.core.errors import UsageError
-from clt.filters.kalman import eskf
+from clt.filters.kalman import eskf, eskf_state
 from clt.filters.kalman.free import directions_for_problem, use_first_estimates
 from clt.filters.kalman.range_errors import PairMemory, forget_errors
 from clt.filters.kalman.reacquisition import solve_with_search
@@ -55,7 +55,7 @@ def filter_eskf(problem: Problem, settings: FilterSettings, *, hold: bool) -> So
         mean,
         covariance,
         problem.inputs,
-        eskf.EskfOptions(settings.nis_gate, form, hold and not relative),
+        eskf_state.EskfOptions(settings.nis_gate, form, hold and not relative),
         free=directions_for_problem(problem, hold and relative),
         memory=memory,
     )
@@ -75,11 +75,11 @@ def filter_eskf(problem: Problem, settings: FilterSettings, *, hold: bool) -> So
 solve_ekf = solve_eskf
 
 
-def restore_eskf_memory(problem: Problem) -> eskf.EskfMemory | None:
+def restore_eskf_memory(problem: Problem) -> eskf_state.EskfMemory | None:
     """What the run that this one goes on from kept, copied; None of a first one."""
-    if isinstance(problem.memory, eskf.EskfMemory):
+    if isinstance(problem.memory, eskf_state.EskfMemory):
         pairs = PairMemory._make(column.copy() for column in problem.memory.pairs)
-        return eskf.EskfMemory(problem.memory.shift.copy(), pairs)
+        return eskf_state.EskfMemory(problem.memory.shift.copy(), pairs)
     return None
 
 

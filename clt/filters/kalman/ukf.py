@@ -16,14 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.core.arrays import Floats, Indices
-from clt.filters.kalman.eskf import (
-    RANGE_REJECTED,
-    RANGE_USED,
-    KalmanOutput,
-    make_kalman_output,
-    max_ranges_per_event,
-    write_pose_output,
-)
+from clt.filters.kalman.eskf import make_kalman_output, max_ranges_per_event, write_pose_output
+from clt.filters.kalman.eskf_state import RANGE_REJECTED, RANGE_USED, KalmanOutput
 from clt.filters.kalman.free import (
     Instant,
     UnobservableDirections,

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.core.arrays import Floats, Indices, Stamps
-from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
+from clt.filters.kalman.eskf_state import RANGE_REJECTED, RANGE_USED
 from clt.filters.mixture.gaussian_sum import MixtureOutput, make_mixture_output, normalize_weights
 from clt.filters.particle.regularization import CellWorkspace, make_cell_workspace, regularize
 from clt.filters.particle.resampling import (

@@ -133,6 +133,10 @@ def test_a_lost_start_is_no_noise():
 
 def test_errors_that_last_are_made_wider():
     wide = widened({"slow": 0.02, "slow_time": 0.5, "offset": 0.0, "sigma_range": 0.01}, ())
+    assert wide == pytest.approx(
+        {"slow": 0.04, "slow_time": 3.0, "offset": 0.02, "sigma_range": 0.012}
+    )
+    wide = widened({"slow": 0.05, "slow_time": 3.0, "sigma_range": 0.01}, ())
     assert wide == {"slow": 0.1, "slow_time": 3.0, "offset": 0.05, "sigma_range": 0.03}
     wide = widened({"slow": 0.4, "slow_time": 10.0, "offset": 0.2}, ())
     assert wide == {"slow": 0.8, "slow_time": 10.0, "offset": 0.2}
