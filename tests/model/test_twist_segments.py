@@ -185,7 +185,7 @@ def test_noise_nobody_tells_is_assumed_and_said():
     )
     np.testing.assert_allclose(segments.var_v, DEFAULT_SIGMA_V**2)
     for known in (replace(ROBOT, sigma_v=0.3, sigma_omega=0.2), ROBOT):
-        told = odometry([50 * MS, 100 * MS], 0.0, sigma=0.7 if known is ROBOT else np.nan)
+        told = odometry([50 * MS, 100 * MS], 1.0, sigma=0.7 if known is ROBOT else np.nan)
         segments, notes = robot_segments(told, known, NoiseSettings(), 0, 100 * MS)
         assert notes == ()
         np.testing.assert_allclose(segments.var_v, 0.49 if known is ROBOT else 0.09)
