@@ -56,6 +56,10 @@ COMMANDS = {
         "clt.cli.commands.plot:plot",
         "Draw trajectories, errors with their 3-sigma bounds, and range innovations.",
     ),
+    "export": CommandEntry(
+        "clt.cli.commands.export:export",
+        "Write a log for other tools: evo, numpy, pandas, factor graphs.",
+    ),
     "range": CommandEntry(
         "clt.cli.commands.range_log:range_log",
         "Turn the packets of a UWB broadcast network into ranges, as each robot would.",
