@@ -161,6 +161,7 @@ def test_every_command_refuses_unknown_variables_alike(clt, tmp_path, name, vari
         "import": ["thu", "in", "-o", "out"],
         "record": ["-o", "out"],
         "emit": ["in", "--proto", "rcl", "-o", "out"],
+        "export": ["in", "--format", "tum", "-o", "out"],
     }.get(name, ["in", "-o", "out"])
     done = clt(name, *words, **{variable: "1"})
     told = f"clt: error: environment variable {variable}: unknown key{hint}\n"
