@@ -1,15 +1,15 @@
-"""`clt plot`: the picture of one result log."""
+"""`clt plot`: a picture or an interactive page of one log or several."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from clt.cli.commands.evaluate import AlignOption
+from clt.cli.commands.evaluate import AlignOption, LogsArgument, refuse_repeated_stdin
 from clt.cli.common import refuse_two_outputs
 from clt.cli.options import (
     ForceOption,
     JsonOption,
-    LogArgument,
     OutputOption,
     QuietOption,
     StreamsOption,
@@ -18,15 +18,20 @@ from clt.cli.options import (
 
 if TYPE_CHECKING:
     from clt.cli.console import Console
+    from clt.cli.inputs import Inputs
     from clt.core.recording import Recording
     from clt.metrics.align import AlignMethod
     from clt.metrics.evaluation import Evaluation
+    from clt.observability.windows.windows import WindowAnalysis
+    from clt.report.html.run import ReportRun
 
 PLOT_SUFFIXES = (".png", ".svg", ".pdf", ".html")
+WINDOW_S = 10.0
+"""Length of the windows of a page, as `clt observability` has it."""
 
 
 def plot(
-    log: LogArgument,
+    logs: LogsArgument,
     output: OutputOption,
     align: AlignOption = None,
     streams: StreamsOption = None,
@@ -39,7 +44,8 @@ def plot(
 
     Without truth: estimates with their covariance, ranges and residuals by pair; of a log that is
     not localized yet, its odometry, ranges and truth. The output's suffix chooses the format:
-    .png, .svg, .pdf or .html (one self-contained page).
+    .png, .svg or .pdf; .html is an interactive page of one log or several, one file that opens
+    offline.
 
     Examples:
       clt plot out.mcap -o out.png
@@ -52,38 +58,80 @@ def plot(
     from clt.cli.inputs import Inputs
     from clt.core.errors import UsageError
     from clt.log.output import STDOUT
-    from clt.log.recording.load import load
 
     form = ".png" if output == STDOUT else output.suffix.lower()
     if form not in PLOT_SUFFIXES:
         raise UsageError(f"{output}: unknown kind of picture; use {', '.join(PLOT_SUFFIXES)}")
     refuse_two_outputs(as_json, output)
+    refuse_repeated_stdin(logs)
     console = Console(quiet, verbose)
-    inputs = Inputs.of(log, streams=streams)
+    inputs = Inputs.of(*logs, streams=streams)
     inputs.check(output, force)
-    recording = load(log, inputs["streams"]).recording
-    console.report_faults(recording.faults)
-    evaluation = evaluate_if_possible(recording, align, str(log), console)
+    if form == ".html":
+        from clt.report.html.page import html_report, plotly_bundle
+
+        plotly_bundle()  # A missing one is said before any work.
+    runs = [read_run(log, inputs, align, console, page=form == ".html") for log in logs]
     with inputs.output(output, force) as file:
         if form == ".html":
-            from clt.cli.messages.render import diagnostic_text
-            from clt.report.figures.page import html_page
-
-            found = () if evaluation is None else evaluation.diagnostics
-            texts = [diagnostic_text(one) for one in found]
-            file.write(html_page(str(log), recording, evaluation, texts).encode())
+            file.write(html_report(runs).encode())
         else:
             from clt.report.figures.figure import draw_log_figure
             from clt.report.figures.style import IMAGE_FORMATS as KINDS
 
-            draw_log_figure(file, KINDS[form], recording, evaluation)
-    how = None if evaluation is None else evaluation.align
+            draw_log_figure(file, KINDS[form], runs[0].recording, runs[0].evaluation)
+    said = {run.name: None if run.evaluation is None else run.evaluation.align for run in runs}
     if output != STDOUT:
-        console.say(f"{output}: {log}, " + ("not scored" if how is None else f"align {how}"))
+        for name, how in said.items():
+            console.say(f"{output}: {name}, " + ("not scored" if how is None else f"align {how}"))
     if as_json:
-        head = {"log": str(log), "output": str(output), "align": how}
-        print(json.dumps({**head, "diagnostics": console.diagnostics}))
+        each = [{"log": name, "align": how} for name, how in said.items()]
+        head = each[0] if len(each) == 1 else {"logs": each}
+        print(json.dumps({**head, "output": str(output), "diagnostics": console.diagnostics}))
     return console.code
+
+
+def read_run(
+    log: Path, inputs: Inputs, align: AlignMethod | None, console: Console, *, page: bool
+) -> ReportRun:
+    """A log with its figures; of a `page` also its windows."""
+    from clt.cli.messages.render import diagnostic_text
+    from clt.log.recording.load import load
+    from clt.report.html.run import ReportRun
+
+    recording = load(log, inputs["streams"]).recording
+    console.report_faults(recording.faults)
+    evaluation = evaluate_if_possible(recording, align, str(log), console)
+    windows, note = analyse_windows_if_possible(recording, console) if page else (None, "")
+    found = () if evaluation is None else evaluation.diagnostics
+    texts = [*(one.text for one in recording.faults), *map(diagnostic_text, found)]
+    return ReportRun(str(log), recording, evaluation, windows, note, texts)
+
+
+def analyse_windows_if_possible(
+    recording: Recording, console: Console
+) -> tuple[WindowAnalysis | None, str]:
+    """The observability along a log, or why it cannot be had."""
+    from clt.cli.compiling import announce_compilation
+    from clt.core.errors import CltError
+    from clt.metrics.tracks import ego_of_frame
+    from clt.model.settings import FilterSettings
+    from clt.observability.advice import setup_of
+    from clt.observability.windows.reference import build_reference, usable_ranges
+    from clt.observability.windows.windows import NOISE_STEP_S, evaluate_windows
+
+    frame = next((poses.frame for poses in recording.estimate.values()), "world")
+    ego = ego_of_frame(frame, recording.team.names)
+    if usable_ranges(recording).stamp.size == 0:
+        return None, "There are no ranges in this log that could say anything."
+    try:
+        setup = setup_of(recording, frame="world" if ego is None else f"ego:{ego}")
+        reference = build_reference(recording, FilterSettings().noise, NOISE_STEP_S)
+        length = min(WINDOW_S, NOISE_STEP_S * reference.noise.shape[1])
+        with announce_compilation(console):
+            return evaluate_windows(reference, length, framed=setup.framed, ego=ego), ""
+    except CltError as error:
+        return None, f"It cannot be analysed: {error}."
 
 
 def evaluate_if_possible(
