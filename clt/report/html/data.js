@@ -37,7 +37,7 @@ function layoutWith(extra) {
   const base = {
     font, paper_bgcolor: "#fff", plot_bgcolor: "#fff", hovermode: "closest",
     margin: { l: narrow() ? 44 : 60, r: 12, t: 30, b: 46 },
-    legend: { orientation: "h", y: -0.14, yanchor: "top", x: 0 },
+    legend: { orientation: "h", y: narrow() ? -0.2 : -0.14, yanchor: "top", x: 0 },
     dragmode: "pan",
   };
   return Object.assign(base, extra);
@@ -46,7 +46,7 @@ function layoutWith(extra) {
 // plotly.js offers by default to upload a chart: nothing of a report may leave it.
 const config = {
   responsive: true, displaylogo: false, scrollZoom: false, showSendToCloud: false, plotlyServerURL: "",
-  modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
+  displayModeBar: !narrow(), modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
 };
 
 function titleAt(text, y) {

@@ -69,7 +69,7 @@ function drawMap(run, number) {
         ys.push(ay, by, null);
       }
     });
-    return [xs, ys];
+    return xs.length > 0 ? [xs, ys] : [[null], [null]];
   }
 
   // What moves, in the order of the traces behind the fixed ones.
@@ -140,12 +140,14 @@ function drawMap(run, number) {
     },
   });
   const dynamic = traces.map((_, k) => k).slice(fixed);
+  const [xs, ys] = step(time.length - 1);
+  dynamic.forEach((trace, i) => Object.assign(traces[trace], { x: xs[i], y: ys[i] }));
   Plotly.newPlot(box, traces, layoutWith({
     height: narrow() ? 460 : 620,
     title: { text: map.title, font: { size: 14 }, x: 0, xanchor: "left" },
     xaxis: { title: { text: "x in m" }, range: extent(map, "x"), ...grid },
     yaxis: { title: { text: "y in m" }, range: extent(map, "y"), scaleanchor: "x", ...grid },
-    uirevision: "map",
+    legend: { orientation: "h", yref: "container", y: 0, yanchor: "bottom", x: 0 },
   }), { ...config, scrollZoom: true });
 
   // Without redraw: only the traces that move are drawn again.

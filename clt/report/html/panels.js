@@ -89,10 +89,10 @@ function drawResiduals(box, note, run, name) {
   const b = one.autocorrelation_bound;
   const most = Math.min(1, 1.3 * Math.max(0.05, b, ...one.autocorrelation.map(Math.abs)));
   const domains = small
-    ? { top: [0.68, 1], a: [[0, 1], [0.34, 0.56]], b: [[0, 1], [0, 0.2]] }
+    ? { top: [0.74, 1], a: [[0, 1], [0.38, 0.58]], b: [[0, 1], [0.02, 0.22]] }
     : { top: [0.52, 1], a: [[0, 0.48], [0, 0.36]], b: [[0.56, 1], [0, 0.36]] };
   const layout = layoutWith({
-    height: small ? 720 : 560, bargap: 0.05,
+    height: small ? 860 : 560, bargap: 0.05,
     xaxis: { anchor: "y", title: { text: "time in s" }, ...grid },
     yaxis: { domain: domains.top, range: [-limit, limit], title: { text: "residual / sigma" }, ...grid },
     xaxis2: { domain: domains.a[0], anchor: "y2", title: { text: "residual / sigma" }, ...grid },

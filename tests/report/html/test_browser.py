@@ -70,6 +70,7 @@ def test_everything_is_drawn(browser, page, synthetic):
         "[...document.querySelectorAll('#map-0 text')].map((one) => one.textContent)"
     )
     assert {"R1", "R2", "R3", "A1", "A2"} <= set(names)
+    assert {"R1 (estimate)", "truth", "range used", "true position now"} <= set(names)
 
 
 def test_nothing_can_be_uploaded(browser, page, synthetic):
