@@ -147,7 +147,7 @@ function drawMap(run, number) {
     title: { text: map.title, font: { size: 14 }, x: 0, xanchor: "left" },
     xaxis: { title: { text: "x in m" }, range: extent(map, "x"), ...grid },
     yaxis: { title: { text: "y in m" }, range: extent(map, "y"), scaleanchor: "x", ...grid },
-    legend: { orientation: "h", yref: "container", y: 0, yanchor: "bottom", x: 0 },
+    legend: { orientation: "h", y: narrow() ? -0.3 : -0.14, yanchor: "top", x: 0 },
   }), { ...config, scrollZoom: true });
 
   // Without redraw: only the traces that move are drawn again.

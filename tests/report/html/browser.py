@@ -16,7 +16,7 @@ PROGRAM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
 )
 MISSING = "no Chromium is installed (apt-get install chromium)"
-START_S = 60.0
+START_S = 240.0
 
 
 class Browser:
@@ -27,8 +27,9 @@ class Browser:
         words = [
             PROGRAM, "--headless=new", "--disable-gpu", "--no-sandbox", "--remote-debugging-port=0",
             f"--user-data-dir={profile}", "--no-first-run", "--disable-dev-shm-usage",
-            "--remote-allow-origins=*", "--hide-scrollbars", f"--window-size={width},{height}",
-            "about:blank",
+            "--remote-allow-origins=*", "--hide-scrollbars", "--disable-renderer-backgrounding",
+            "--disable-background-timer-throttling", "--disable-backgrounding-occluded-windows",
+            f"--window-size={width},{height}", "about:blank",
         ]  # fmt: skip
         self.process = subprocess.Popen(
             words, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env={**os.environ}
@@ -71,7 +72,8 @@ class Browser:
                 if "error" in answer:
                     raise RuntimeError(answer["error"])
                 return answer["result"]
-            self._note(answer)
+            if "method" in answer:
+                self._note(answer)
 
     def _note(self, event):
         parameters = event.get("params", {})
