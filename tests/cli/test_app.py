@@ -85,7 +85,7 @@ def test_every_example_has_its_own_line(clt, name):
 
 def test_help_lists_every_command_and_imports_none(clt):
     listed = re.findall(r"(?m)^│ ([a-z]+) ", clt("--help").stdout)
-    assert listed == list(COMMANDS)
+    assert sorted(listed) == sorted(COMMANDS)
     code = f"import sys, clt.cli.app; print([n for n in {HEAVY!r} if n in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"

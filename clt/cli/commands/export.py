@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from clt.cli.common import check_choice
+from clt.cli.completion import complete_export
 from clt.cli.options import (
     ForceOption,
     JsonOption,
@@ -30,6 +31,7 @@ def export(
         typer.Option(
             "--format",
             metavar="FORMAT",
+            autocompletion=complete_export,
             help="tum: trajectories for evo, a file for each robot and stream. csv: the same as "
             "tables, with covariances. npz: every column of the log as numpy arrays, one file. "
             "pyfg: a planar factor graph (PyFactorGraph), one file.",
