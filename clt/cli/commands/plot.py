@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, BinaryIO, Literal
+
+import typer
 
 from clt.cli.commands.evaluate import AlignOption, LogsArgument, refuse_repeated_stdin
 from clt.cli.common import refuse_two_outputs
@@ -33,7 +35,18 @@ WINDOW_S = 10.0
 def plot(
     logs: LogsArgument,
     output: OutputOption,
+    *,
     align: AlignOption = None,
+    panel: Annotated[
+        Literal["map", "errors", "heading", "innovations"] | None,
+        typer.Option(help="Draw one panel alone (.png, .svg, .pdf).", show_default=False),
+    ] = None,
+    style: Annotated[
+        Literal["screen", "paper"],
+        typer.Option(
+            help="paper: a column wide, small type, fonts embedded; with --panel or logs."
+        ),
+    ] = "screen",
     streams: StreamsOption = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
@@ -44,13 +57,14 @@ def plot(
 
     Without truth: estimates with their covariance, ranges and residuals by pair; of a log that is
     not localized yet, its odometry, ranges and truth. The output's suffix chooses the format:
-    .png, .svg or .pdf; .html is an interactive page of one log or several, one file that opens
-    offline.
+    .png, .svg or .pdf; .html is an interactive page, one file that opens offline. Of several logs
+    a picture compares the errors of the team, and a page shows each.
 
     Examples:
       clt plot out.mcap -o out.png
       clt plot out.mcap --align se2 -o out.html
       clt plot log.mcap -o log.png
+      clt plot out.mcap --panel errors --style paper -o errors.pdf
     """
     import json
 
@@ -62,6 +76,10 @@ def plot(
     form = ".png" if output == STDOUT else output.suffix.lower()
     if form not in PLOT_SUFFIXES:
         raise UsageError(f"{output}: unknown kind of picture; use {', '.join(PLOT_SUFFIXES)}")
+    if panel is not None and (form == ".html" or len(logs) > 1):
+        raise UsageError("--panel draws one log as .png, .svg or .pdf")
+    if style == "paper" and (form == ".html" or (panel is None and len(logs) == 1)):
+        raise UsageError("--style paper draws --panel NAME, or several logs, as .png, .svg or .pdf")
     refuse_two_outputs(as_json, output)
     refuse_repeated_stdin(logs)
     console = Console(quiet, verbose)
@@ -76,10 +94,7 @@ def plot(
         if form == ".html":
             file.write(html_report(runs).encode())
         else:
-            from clt.report.figures.figure import draw_log_figure
-            from clt.report.figures.style import IMAGE_FORMATS as KINDS
-
-            draw_log_figure(file, KINDS[form], runs[0].recording, runs[0].evaluation)
+            draw_picture(file, form, runs, panel, paper=style == "paper")
     said = {run.name: None if run.evaluation is None else run.evaluation.align for run in runs}
     if output != STDOUT:
         for name, how in said.items():
@@ -89,6 +104,32 @@ def plot(
         head = each[0] if len(each) == 1 else {"logs": each}
         print(json.dumps({**head, "output": str(output), "diagnostics": console.diagnostics}))
     return console.code
+
+
+def draw_picture(
+    file: BinaryIO, form: str, runs: list[ReportRun], panel: str | None, *, paper: bool
+) -> None:
+    """The figure of one log, one panel of it, or the comparison of several.
+
+    Raises CltError where that needs truth and a log has none.
+    """
+    from clt.core.errors import CltError
+    from clt.report.figures.figure import draw_log_figure
+    from clt.report.figures.single import draw_comparison_figure, draw_panel_figure
+    from clt.report.figures.style import IMAGE_FORMATS as KINDS
+
+    first, kind = runs[0], KINDS[form]
+    if len(runs) == 1 and panel is None:
+        draw_log_figure(file, kind, first.recording, first.evaluation)
+        return
+    scored = {run.name: run.evaluation for run in runs if run.evaluation is not None}
+    if len(scored) < len(runs):
+        bare = next(run.name for run in runs if run.evaluation is None)
+        raise CltError(f"{bare}: nothing to score; without truth only the whole figure is drawn")
+    if panel is None:
+        draw_comparison_figure(file, kind, scored, paper=paper)
+    else:
+        draw_panel_figure(file, kind, first.recording, scored[first.name], panel, paper=paper)
 
 
 def read_run(

@@ -7,14 +7,16 @@ from html import escape
 from importlib.resources import files
 
 from clt.core.errors import CltError
+from clt.metrics.evaluation import Evaluation
+from clt.report.figures.single import team_error
 from clt.report.figures.style import ALARM_COLOUR, GREY_COLOUR, INK_COLOUR, ROBOT_COLOURS
 from clt.report.html import tables
-from clt.report.html.encode import Document, script_json
+from clt.report.html.encode import Document, encode_floats, script_json
 from clt.report.html.map_data import map_document
 from clt.report.html.pair_data import pair_document
 from clt.report.html.run import ReportRun
 from clt.report.html.scene import build_scene
-from clt.report.html.time_series import team_error, time_panels
+from clt.report.html.time_series import time_panels
 from clt.report.html.window_data import window_document
 
 POLICY = (
@@ -100,8 +102,13 @@ def _run_document(run: ReportRun) -> Document:
         "pairs": pair_document(run.recording, begin),
         "windows": None if windows is None else window_document(windows, begin),
         "traffic": {name: dict(one) for name, one in traffic.items()},
-        "team_error": None if evaluation is None else team_error(evaluation, begin),
+        "team_error": None if evaluation is None else _team_error(evaluation),
     }
+
+
+def _team_error(evaluation: Evaluation) -> Document:
+    time, value = team_error(evaluation)
+    return {"time": encode_floats(time), "value": encode_floats(value)}
 
 
 def _comparison(runs: Sequence[ReportRun]) -> str:

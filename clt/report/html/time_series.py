@@ -111,21 +111,3 @@ def _odometry(recording: Recording, begin: int) -> list[Document]:
         speed.add(name, odometry.stamp, odometry.v, begin, "value")
         turn.add(name, odometry.stamp, np.degrees(odometry.omega), begin, "value")
     return [speed.document(), turn.document()]
-
-
-def team_error(evaluation: Evaluation, begin: int) -> Document | None:
-    """Root mean square position error of the team over time, for the comparison of runs."""
-    tracks = evaluation.estimate.tracks.values()
-    if len(tracks) == 0:
-        return None
-    stamp = np.concatenate([one.stamp for one in tracks])
-    square = np.concatenate([np.sum(one.error[:, :2] ** 2, axis=1) for one in tracks])
-    seconds = (stamp - begin) * 1e-9
-    edges = np.linspace(0.0, max(float(seconds.max()), 1e-3), MAX_BINS // 3 + 1)
-    place = np.clip(np.searchsorted(edges, seconds, side="right") - 1, 0, len(edges) - 2)
-    count = np.bincount(place, minlength=len(edges) - 1)
-    total = np.bincount(place, square, minlength=len(edges) - 1)
-    seen = count > 0
-    middle = (edges[:-1] + edges[1:]) / 2
-    value = np.sqrt(total[seen] / count[seen])
-    return {"time": encode_floats(middle[seen]), "value": encode_floats(value)}

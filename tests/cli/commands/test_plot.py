@@ -159,3 +159,39 @@ def test_bare_logs_are_drawn(tmp_path, synthetic):
     result = clt(write(tmp_path / "a.mcap", bare), "-o", tmp_path / "a.png")
     assert result.exit_code == 0, result.output
     assert "no heading" in result.stderr
+
+
+@pytest.mark.parametrize("panel", ["map", "errors", "heading", "innovations"])
+def test_a_panel_alone_as_papers_want_it(log, tmp_path, panel):
+    outputs = [tmp_path / f"{name}.pdf" for name in "ab"]
+    for output in outputs:
+        done = clt(log, "-o", output, "--panel", panel, "--style", "paper")
+        assert done.exit_code == 0, done.output
+    data = outputs[0].read_bytes()
+    assert data == outputs[1].read_bytes()
+    assert b"/MediaBox [ 0 0 252 187.2 ]" in data  # 3.5 by 2.6 inches
+    assert b"/FontFile2" in data  # an embedded TrueType font
+
+
+def test_several_runs_in_one_figure(log, tmp_path, synthetic):
+    other = write(tmp_path / "other.mcap", synthetic(n=100, seed=4))
+    done = clt(log, other, "-o", tmp_path / "a.svg")
+    assert done.exit_code == 0, done.output
+    assert "Position error of the team" in words(tmp_path / "a.svg")
+    assert "other.mcap: 0.0" in words(tmp_path / "a.svg")
+
+
+@pytest.mark.parametrize(
+    "given", [("a.html", "--panel", "map"), ("a.png", "--style", "paper")], ids=["page", "whole"]
+)
+def test_styles_that_do_not_fit_are_wrong_usage(log, tmp_path, given):
+    done = clt(log, "-o", tmp_path / given[0], *given[1:])
+    assert (done.exit_code, done.stdout) == (2, "")
+
+
+def test_a_panel_needs_truth(tmp_path, synthetic):
+    path = write(tmp_path / "a.mcap", replace(synthetic(n=50), truth={}))
+    done = clt(path, "-o", tmp_path / "a.png", "--panel", "errors")
+    assert done.exit_code == 1
+    assert "nothing to score" in done.stderr
+    assert not (tmp_path / "a.png").exists()
