@@ -19,6 +19,7 @@ from clt import __version__
 from clt.cli.console import EXIT_FAILED, EXIT_INTERRUPTED
 from clt.cli.environment import check_environment
 from clt.cli.failures import report_failure, report_os_error
+from clt.cli.help import respect_no_color
 from clt.cli.lazy import CommandEntry, lazy_group
 from clt.cli.stdio import prepare_stdio
 from clt.core.errors import CltError, UsageError
@@ -55,6 +56,10 @@ COMMANDS = {
     "plot": CommandEntry(
         "clt.cli.commands.plot:plot",
         "Draw trajectories, errors with their 3-sigma bounds, and range innovations.",
+    ),
+    "export": CommandEntry(
+        "clt.cli.commands.export:export",
+        "Write a log for other tools: evo, numpy, pandas, factor graphs.",
     ),
     "range": CommandEntry(
         "clt.cli.commands.range_log:range_log",
@@ -161,19 +166,26 @@ app = typer.Typer(
 @app.callback()
 def root(
     version: Annotated[
-        bool, typer.Option("--version", callback=print_version, is_eager=True, help="Version.")
+        bool,
+        typer.Option(
+            "--version", "-V", callback=print_version, is_eager=True, metavar="", help="Version."
+        ),
     ] = False,
 ) -> None:
-    """Where is every robot of a team, from ranges and wheel odometry alone."""
+    """Where is every robot of a team, from ranges and wheel odometry alone.
+
+    `clt help COMMAND` or `clt COMMAND --help` describes one command, with examples.
+    """
 
 
 def run_program() -> None:
     """Run the program; `clt.cli.entry` handles signals before it imports this."""
     prepare_stdio()
+    respect_no_color()
     if len(sys.warnoptions) == 0:
         warnings.simplefilter("ignore")
     try:
-        app()
+        app(prog_name="clt")
     except OSError as error:  # of `clt --help` on a full disk
         sys.exit(report_os_error(error, as_json=False))
 

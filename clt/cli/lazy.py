@@ -16,6 +16,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.exceptions import TyperException
 
 from clt.cli.console import EXIT_USAGE
+from clt.cli.help import arrange_options, commands_in_order, group_of_command
 
 
 class CommandEntry(NamedTuple):
@@ -34,6 +35,19 @@ def load_command(row: CommandEntry) -> Callable[..., int]:
     return found
 
 
+def placeholders(rows: Mapping[str, CommandEntry]) -> dict[str, Any]:
+    """Commands by task, of which only the names and a line each are known."""
+    return {
+        name: TyperCommand(name, help=rows[name].about, rich_help_panel=group_of_command(name))
+        for name in commands_in_order(list(rows))
+    }
+
+
+def help_as_option(words: Sequence[str]) -> list[str]:
+    """`clt help COMMAND` as `clt COMMAND --help`."""
+    return [*words[1:2], "--help"] if words[:1] == ["help"] else list(words)
+
+
 def lazy_group(
     rows: Mapping[str, CommandEntry], wrap: Callable[[Callable[..., int]], Callable[..., None]]
 ) -> type[TyperGroup]:
@@ -45,7 +59,12 @@ def lazy_group(
         def __init__(self, **attributes: Any) -> None:
             super().__init__(**attributes)
             self.called: str | None = None
-            self.commands = {name: TyperCommand(name, help=row.about) for name, row in rows.items()}
+            self.commands = placeholders(rows)
+            arrange_options(self)
+
+        def list_commands(self, ctx: Any) -> list[str]:
+            del ctx
+            return list(self.commands)
 
         def resolve_command(self, ctx: Any, args: list[str]) -> Any:
             self.called = None
@@ -63,7 +82,8 @@ def lazy_group(
             **extra: Any,
         ) -> Any:
             """Run; on its own, end with an exit code and one line for a usage error."""
-            run = partial(super().main, args, prog_name, complete_var, False, windows_expand_args)
+            words = help_as_option(sys.argv[1:] if args is None else args)
+            run = partial(super().main, words, prog_name, complete_var, False, windows_expand_args)
             if not standalone_mode:
                 return run(**extra)
             self.called = None
@@ -77,7 +97,7 @@ def lazy_group(
                 if type(error).__name__ == "NoArgsIsHelpError":
                     print(error.format_message(), file=sys.stderr)
                 else:
-                    as_json = json_in_words(sys.argv[1:] if args is None else args)
+                    as_json = json_in_words(words)
                     report_failure(usage_line(error, self.called), code, as_json=as_json)
             sys.exit(code)
 
@@ -85,6 +105,6 @@ def lazy_group(
             """The command with all its options."""
             one = typer.Typer(add_completion=False)
             one.command(name)(wrap(load_command(rows[str(name)])))
-            return typer.main.get_command(one)
+            return arrange_options(typer.main.get_command(one))
 
     return Lazy

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from clt.cli.completion import complete_setting
+
 LogArgument = Annotated[
     Path,
     typer.Argument(
@@ -42,5 +44,11 @@ CalibrationOption = Annotated[
 INIT_METHODS = ("auto", "motion", "pairwise", "truth")
 """What `--init` and `clt init --method` take."""
 SetOption = Annotated[
-    list[str], typer.Option("--set", metavar="KEY=VALUE", help="Set one key; may be repeated.")
+    list[str],
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Set one key; may be repeated.",
+        autocompletion=complete_setting,
+    ),
 ]

@@ -103,6 +103,6 @@ def demo_steps(
         ),
         (
             ["plot", str(result), "-o", str(picture)],
-            lambda: plot(result, picture, force=True, quiet=not verbose),
+            lambda: plot([result], picture, force=True, quiet=not verbose),
         ),
     ]

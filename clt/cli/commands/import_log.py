@@ -52,7 +52,7 @@ def import_log(
 
     Examples:
       clt import --list
-      clt import thu range_only_CL/20190418 -o thu.mcap --calibration calibration.toml
+      clt import thu range_only_CL/20190418 -o thu.mcap
       clt import rosbag2 bag --streams streams.toml -o log.mcap
       clt import csv ranges.csv R1.csv static.csv -o log.mcap
     """

@@ -14,6 +14,7 @@ from clt.cli.common import (
     refuse_two_outputs,
     require_data,
 )
+from clt.cli.completion import complete_filter, complete_frame, complete_init
 from clt.cli.options import (
     CalibrationOption,
     ConfigOption,
@@ -53,6 +54,7 @@ def localize(
         str | None,
         typer.Option(
             "--filter",
+            autocompletion=complete_filter,
             help="eskf: error-state Kalman filter (Shi), the default in the world. ekf, ukf: "
             "extended, unscented Kalman filter. mixture: a bank of Kalman filters that keeps every "
             "pose still possible, the default in relative frames. pf: particle filter. dpf: one "
@@ -62,8 +64,9 @@ def localize(
     frame: Annotated[
         str,
         typer.Option(
+            autocompletion=complete_frame,
             help="world: absolute poses. ego:NAME: the others as NAME sees them (Araki). "
-            "mutual:A,B: two robots, each as the other sees it (Freeman)."
+            "mutual:A,B: two robots, each as the other sees it (Freeman).",
         ),
     ] = "world",
     engine: Annotated[
@@ -72,12 +75,13 @@ def localize(
     init: Annotated[
         str,
         typer.Option(
+            autocompletion=complete_init,
             help="motion: from the log's own ranges and odometry (Shi). pairwise: relative poses "
             "from the ranges between pairs that drive (Li). truth: from the ground truth. A TOML "
             "file: one table per robot with x, y, heading and optionally sigma. "
             "auto: what the log records, else motion; where fewer than two robots stand still, "
             "pairwise in the frame of a robot, in the world from the ground truth of some robots "
-            "and the ranges of pairs. A file with some robots places the others likewise."
+            "and the ranges of pairs. A file with some robots places the others likewise.",
         ),
     ] = "auto",
     config: ConfigOption = None,
@@ -102,7 +106,8 @@ def localize(
 
     Examples:
       clt localize log.mcap -o out.mcap
-      clt localize log.mcap -o out.mcap --init poses.toml --set noise.sigma_range=0.1
+      clt localize log.mcap -o out.mcap --set noise.sigma_range=0.1
+      clt localize log.mcap -o out.mcap --init poses.toml
       clt localize log.mcap -o out.mcap --frame ego:R1 --init truth
     """
     from time import perf_counter

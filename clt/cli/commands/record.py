@@ -68,8 +68,8 @@ def record(
     """Record device streams into a log; Ctrl-C ends it.
 
     Examples:
-      clt record -o run.mcap --source uwb=serial:/dev/ttyACM0,proto=trek1000,map=t0:car1+a0:car2
-      clt record -o run.mcap --source net=udp:0.0.0.0:9000,proto=ndjson --duration 60
+      clt record -o run.mcap --source uwb=serial:/dev/ttyACM0,proto=trek1000
+      clt record -o run.mcap --source net=udp:0.0.0.0:9000,proto=ndjson
       clt record -o run.mcap --source all=file:capture.bin,proto=rcl,map=0:R1+1:R2
       clt record --from run.mcap -o again.mcap
     """

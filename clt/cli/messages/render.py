@@ -5,6 +5,7 @@ from __future__ import annotations
 from clt.cli.messages.commands import COMMAND_TEXTS
 from clt.cli.messages.emission import EMISSION_TEXTS
 from clt.cli.messages.estimation import ESTIMATION_TEXTS
+from clt.cli.messages.export import EXPORT_TEXTS
 from clt.cli.messages.initialization import INITIALIZATION_TEXTS
 from clt.cli.messages.metrics import METRICS_TEXTS
 from clt.cli.messages.observability import OBSERVABILITY_TEXTS
@@ -17,6 +18,7 @@ TEXTS: Texts = {
     **COMMAND_TEXTS,
     **EMISSION_TEXTS,
     **ESTIMATION_TEXTS,
+    **EXPORT_TEXTS,
     **INITIALIZATION_TEXTS,
     **METRICS_TEXTS,
     **OBSERVABILITY_TEXTS,
