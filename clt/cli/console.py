@@ -61,7 +61,7 @@ class Console:
 
     def report_faults(self, faults: Iterable[Fault]) -> None:
         """Say what is wrong with a log that was read."""
-        from clt.cli.messages.faults import fault_diagnostic
+        from clt.core.faults import fault_diagnostic
 
         for fault in faults:
             found = fault_diagnostic(fault)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from clt.core.diagnostics import Diagnostic, Severity
+from clt.core.errors import CltError
 from clt.core.recording import Recording
 from clt.core.start import Start
 from clt.initialization.given.recorded import from_record
@@ -81,3 +82,36 @@ def uncertain_robots(
 def any_moves(start: Start, recording: Recording) -> bool:
     """Whether a moving robot has an initial pose, without which nothing can be estimated."""
     return any(name in recording.odometry for name in start.poses)
+
+
+def lacks(chosen: NamedInitialization, *, kept: bool) -> tuple[Diagnostic, ...]:
+    """What is not certain of initial poses, robot by robot, behind what was assumed for them."""
+    found = chosen.found
+    if chosen.method == "record":
+        return ()
+    kept = kept and chosen.method == "pairwise" and len(chosen.references) == 0
+    robots = (
+        replace(why, subject=name, severity=severity, values={**why.values, "status": robot.status})
+        for name, robot, why, severity in uncertain_robots(found, kept=kept)
+    )
+    return (*found.notes, *found.assumed, *robots)
+
+
+def complete(
+    recording: Recording, start: Start, settings: FilterSettings
+) -> tuple[Start, tuple[Diagnostic, ...]]:
+    """A start in the world with the robots that it leaves out, placed by ranges if they can be."""
+    from clt.initialization.given.known import (  # noqa: PLC0415 - slow
+        complete_given_start,
+        robots_without_pose,
+    )
+
+    left = robots_without_pose(recording, start)
+    if len(left) == 0 or recording.ranges.stamp.size == 0:
+        return start, ()
+    try:
+        found = complete_given_start(recording, start, settings)
+    except CltError as error:
+        reason = {"file": "init", "error": str(error)}
+        return start, (Diagnostic("file_incomplete", ", ".join(left), "partial", reason),)
+    return found.start, lacks(NamedInitialization("given", found), kept=False)

@@ -21,6 +21,14 @@ class UsablePart:
     lost: tuple[str, ...] = ()
     """odometry, ranges: what the whole has and the part does not, so that it is of no use."""
 
+    @property
+    def cut(self) -> bool:
+        """Something of the whole is left out."""
+        timeline, part = self.timeline, self.part
+        if timeline is None or part is None:
+            return False
+        return len(timeline.parts) > 1 or len(timeline.left_out(part)) > 0
+
 
 def find_usable_part(recording: Recording) -> UsablePart:
     """Of several parts (see `timeline`) the one with the most messages."""
