@@ -52,6 +52,14 @@ COMMANDS = {
         "clt.cli.commands.observability:observability",
         "Tell what cannot be observed, in which direction, and what would change that.",
     ),
+    "compare": CommandEntry(
+        "clt.cli.commands.compare:compare",
+        "Run several filters or settings on one log: errors, consistency and time in one table.",
+    ),
+    "sweep": CommandEntry(
+        "clt.cli.commands.sweep:sweep",
+        "Run a study: every combination of a grid, seeds and runs, into tables and a picture.",
+    ),
     "plot": CommandEntry(
         "clt.cli.commands.plot:plot",
         "Draw trajectories, errors with their 3-sigma bounds, and range innovations.",

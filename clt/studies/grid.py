@@ -129,7 +129,7 @@ def read_study(source: Path, environment: Mapping[str, Mapping[str, Any]]) -> St
         if document is not None:
             text = _scenario(document, {**overrides, **varied}, source)
         served.setdefault(text, []).append(index)
-        plans.append(tuple(_plan(index, n, t, chosen, folder) for n, t in runs.items()))
+        plans.append(tuple(make_plan(index, n, t, chosen, folder) for n, t in runs.items()))
     made = None
     if isinstance(document, Document):
         made = effective_toml(load_scenario(document))
@@ -185,7 +185,7 @@ def _resolved_run(table: RunTable, folder: Path, environment: Mapping[str, Any])
     return table.model_copy(update={"init": init, "config": config, "set": merged})
 
 
-def _plan(
+def make_plan(
     index: int, name: str, table: RunTable, chosen: Mapping[str, Any], folder: Path
 ) -> RunPlan:
     """One run with the values of the grid, checked. Raises UsageError."""

@@ -25,8 +25,12 @@ class Journal:
             self._file = path.open("a+b")
         except OSError as error:
             raise CltError(f"{path}: {error.strerror}") from None
-        _lock(self._file.fileno(), path)
-        self._places = self._scan()
+        try:
+            _lock(self._file.fileno(), path)
+            self._places = self._scan()
+        except BaseException:
+            self._file.close()
+            raise
 
     def __enter__(self) -> Self:
         return self

@@ -10,9 +10,10 @@ from time import perf_counter
 from typing import TypeVar
 
 from clt import __version__, api
-from clt.core.diagnostics import DIVERGED
+from clt.core.diagnostics import DIVERGED, Diagnostic
 from clt.core.errors import CltError
 from clt.core.recording import Recording
+from clt.jit.watching import watched
 from clt.metrics.evaluation import Evaluation
 from clt.metrics.scores import Score
 from clt.model.effective_settings import effective_settings
@@ -72,34 +73,60 @@ def recording_of(task: Task) -> Recording:
 def run_plan(
     recording: Recording, plan: RunPlan, task: Task, shared: dict[str, float]
 ) -> RunOutcome:
-    """Localize and evaluate. Raises CltError."""
+    """Localize, keep and evaluate. Raises CltError."""
+    result, seconds = localize(recording, plan)
+    if plan.keep is not None:
+        keep(Path(plan.keep), result, task)
+    return scored(result, plan, shared | seconds)[0]
+
+
+def run_and_explain(
+    recording: Recording, plan: RunPlan
+) -> tuple[RunOutcome, tuple[Diagnostic, ...]]:
+    """One run and what was found out; a failing one is an outcome with its error."""
+
+    def work() -> tuple[RunOutcome, tuple[Diagnostic, ...]]:
+        result, seconds = localize(recording, plan)
+        return scored(result, plan, seconds)
+
+    found = attempt(work)
+    return (found, ()) if isinstance(found, RunOutcome) else found
+
+
+def localize(recording: Recording, plan: RunPlan) -> tuple[api.Localization, dict[str, float]]:
+    """The estimates, and the seconds they took without compiling. Raises CltError."""
     began = perf_counter()
     network = recording.team.communication
     layers = (("settings", plan.settings),)
     settings = effective_settings((f"runs.{plan.name}.config", plan.config), layers, network)
-    result = api.localize(
-        recording,
-        filter=plan.filter,
-        frame=plan.frame,
-        init=plan.init,
-        engine=plan.engine,
-        settings=settings,
-        as_received=plan.as_received,
-    )
-    localized = perf_counter()
-    if plan.keep is not None:
-        keep(Path(plan.keep), result, task)
-    kept = perf_counter()
-    evaluation = api.evaluate(result, align=plan.align)  # type: ignore[arg-type]
-    seconds = {"localize": localized - began, "evaluate": perf_counter() - kept}
+    with watched(lambda _: None) as compiling:
+        result = api.localize(
+            recording,
+            filter=plan.filter,
+            frame=plan.frame,
+            init=plan.init,
+            engine=plan.engine,
+            settings=settings,
+            as_received=plan.as_received,
+        )
+    return result, {"localize": perf_counter() - began - compiling.seconds}
+
+
+def scored(
+    result: api.Localization, plan: RunPlan, seconds: dict[str, float]
+) -> tuple[RunOutcome, tuple[Diagnostic, ...]]:
+    """The figures of estimates, and all that was found out. Raises CltError."""
+    began = perf_counter()
+    evaluation = api.evaluate(result, align=plan.align)
     found = (*result.diagnostics, *evaluation.diagnostics)
     partial = any(one.severity == "partial" for one in found)
-    return RunOutcome(
+    outcome = RunOutcome(
         exit=EXIT_PARTIAL if partial else 0,
         diverged=any(one.kind == DIVERGED for one in result.diagnostics),
         scores=scores_of(evaluation),
-        seconds=shared | seconds,
+        seconds=seconds | {"evaluate": perf_counter() - began},
     )
+    return outcome, found
 
 
 def scores_of(evaluation: Evaluation) -> dict[str, float | None]:

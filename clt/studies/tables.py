@@ -109,8 +109,8 @@ def write_runs(path: Path, study: Study, rows: Iterable[Row]) -> list[Group]:
             for name in study.names:
                 table = np.array(scores[name]).reshape(-1, len(SUMMED)).T
                 columns = dict(zip(SUMMED, table, strict=True))
-                count, failed, diverged = counts[name]
-                groups.append(Group(combination, name, count, failed, diverged, columns))
+                count, lost, diverged = counts[name]
+                groups.append(Group(combination, name, count, lost, diverged, columns))
 
     header = (*study.keys, what, "run", "exit", "diverged", *SCORES, "error")
     write_table(path, header, cells())

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from clt import __version__
+from clt.metrics.align import AlignMethod
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class RunPlan:
     """A method, or poses by robot."""
     engine: str
     as_received: bool
-    align: str | None
+    align: AlignMethod | None
     config: dict[str, Any]
     """Tables of settings from a file."""
     settings: dict[str, Any]
