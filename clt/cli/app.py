@@ -35,10 +35,12 @@ COMMANDS = {
     "init": CommandEntry(
         "clt.cli.commands.init:init",
         "Find the initial pose of every robot, or say why it cannot be told yet.",
+        many=".toml",
     ),
     "localize": CommandEntry(
         "clt.cli.commands.localize:localize",
         "Estimate where every robot is, and how sure that is, from its ranges and odometry.",
+        many=".mcap",
     ),
     "simulate": CommandEntry(
         "clt.cli.commands.simulate:simulate",
@@ -63,10 +65,12 @@ COMMANDS = {
     "plot": CommandEntry(
         "clt.cli.commands.plot:plot",
         "Draw trajectories, errors with their 3-sigma bounds, and range innovations.",
+        many=".png",
     ),
     "range": CommandEntry(
         "clt.cli.commands.range_log:range_log",
         "Turn the packets of a UWB broadcast network into ranges, as each robot would.",
+        many=".mcap",
     ),
     "emit": CommandEntry(
         "clt.cli.commands.emit:emit",

@@ -25,6 +25,8 @@ class CommandEntry(NamedTuple):
     """`module:function`."""
     about: str
     """What `clt --help` says: the first line of the function's docstring."""
+    many: str | None = None
+    """It takes several logs: the suffix of each result in the folder that `-o` then names."""
 
 
 def load_command(row: CommandEntry) -> Callable[..., int]:
@@ -32,6 +34,15 @@ def load_command(row: CommandEntry) -> Callable[..., int]:
     module, _, name = row.place.partition(":")
     found: Callable[..., int] = getattr(import_module(module), name)
     return found
+
+
+def load_command_for_logs(row: CommandEntry) -> Callable[..., int]:
+    """Import the function of a command as the command line calls it."""
+    if row.many is None:
+        return load_command(row)
+    from clt.cli.many import for_many_logs
+
+    return for_many_logs(load_command(row), row.place, row.many)
 
 
 def lazy_group(
@@ -84,7 +95,7 @@ def lazy_group(
         def load(self, name: str | None) -> Any:
             """The command with all its options."""
             one = typer.Typer(add_completion=False)
-            one.command(name)(wrap(load_command(rows[str(name)])))
+            one.command(name)(wrap(load_command_for_logs(rows[str(name)])))
             return typer.main.get_command(one)
 
     return Lazy

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -172,7 +173,7 @@ def test_logs_can_be_studied(clt, tmp_path):
     (tmp_path / "logs.toml").write_text('logs = ["*.mcap"]\n[runs.truth]\ninit = "truth"\n')
     assert clt("sweep", "logs.toml", "-o", "out", "-q")[0] == 3
     rows = table(tmp_path / "out" / "runs.csv")
-    assert [os.path.basename(row["log"]) for row in rows] == ["bad.mcap", "log1.mcap", "log2.mcap"]
+    assert [Path(row["log"]).name for row in rows] == ["bad.mcap", "log1.mcap", "log2.mcap"]
     assert [row["exit"] for row in rows] == ["1", "0", "0"]
 
 
