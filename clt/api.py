@@ -128,7 +128,7 @@ def localize(
     kept = {key: value for key, value in usable.run.items() if key in {"calibration", "seed"}}
     run = kept | {"filter": chosen, "frame": frame, "engine": engine, "init": method}
     diagnostics = (*faults, *found, *advice, *result.posterior.diagnostics)
-    estimates = as_logged(replace(result.recording, run=run, faults=()))
+    estimates = replace(result.recording, run=run, faults=())
     return Localization(estimates, chosen, frame, method, start, settings, diagnostics)
 
 
@@ -143,11 +143,13 @@ def evaluate(
 ) -> Evaluation:
     """Score estimates against the truth, dead reckoning beside them; `as_dict` has all figures.
 
+    A `Localization` is scored as its log would be, to the last digit.
+
     `align`: none, first, anchors, se2 or se2-per-robot; by default none where frames agree, else
     anchors, else se2. `max_gap` and `max_diff` in s; `delta`: time or way of the relative error.
     Raises CltError where there is nothing to compare.
     """
-    recording = result.recording if isinstance(result, Localization) else result
+    recording = as_logged(result.recording) if isinstance(result, Localization) else result
     span: Delta = parse_delta(delta)
     options = EvaluateOptions(align, associate, max_gap, max_diff, span)
     return evaluate_recording(recording, options)
