@@ -36,10 +36,12 @@ COMMANDS = {
     "init": CommandEntry(
         "clt.cli.commands.init:init",
         "Find the initial pose of every robot, or say why it cannot be told yet.",
+        many=".toml",
     ),
     "localize": CommandEntry(
         "clt.cli.commands.localize:localize",
         "Estimate where every robot is, and how sure that is, from its ranges and odometry.",
+        many=".mcap",
     ),
     "simulate": CommandEntry(
         "clt.cli.commands.simulate:simulate",
@@ -53,9 +55,18 @@ COMMANDS = {
         "clt.cli.commands.observability:observability",
         "Tell what cannot be observed, in which direction, and what would change that.",
     ),
+    "compare": CommandEntry(
+        "clt.cli.commands.compare:compare",
+        "Run several filters or settings on one log: errors, consistency and time in one table.",
+    ),
+    "sweep": CommandEntry(
+        "clt.cli.commands.sweep:sweep",
+        "Run a study: every combination of a grid, seeds and runs, into tables and a picture.",
+    ),
     "plot": CommandEntry(
         "clt.cli.commands.plot:plot",
         "Draw trajectories, errors with their 3-sigma bounds, and range innovations.",
+        many=".png",
     ),
     "export": CommandEntry(
         "clt.cli.commands.export:export",
@@ -64,6 +75,7 @@ COMMANDS = {
     "range": CommandEntry(
         "clt.cli.commands.range_log:range_log",
         "Turn the packets of a UWB broadcast network into ranges, as each robot would.",
+        many=".mcap",
     ),
     "emit": CommandEntry(
         "clt.cli.commands.emit:emit",

@@ -56,39 +56,16 @@ def read_filter_settings(
     config: Path | Document | None, sets: list[str], told: Communication | None = None
 ) -> FilterSettings:
     """Settings by precedence: defaults < what the log has told < file < environment < --set."""
-    from clt.core.settings import (
-        parse_assignments,
-        parse_settings,
-        read_toml,
-        set_dotted_key,
-        settings_from_environment,
-    )
+    from clt.core.settings import parse_assignments, read_toml, settings_from_environment
+    from clt.model.effective_settings import effective_settings
     from clt.model.settings import FilterSettings
 
     tree = {} if config is None else read_toml(config)
-    tree = parse_settings(FilterSettings, tree, str(config)).model_dump(exclude_unset=True)
-    if told is not None:
-        tree["dpf"] = network_settings(told) | tree.get("dpf", {})
-        tree = parse_settings(FilterSettings, tree, "the log's clt.team").model_dump(
-            exclude_unset=True
-        )
-    for key, value in settings_from_environment(FilterSettings).items():
-        set_dotted_key(tree, key, value)
-    tree = parse_settings(FilterSettings, tree, "environment").model_dump(exclude_unset=True)
-    for key, value in parse_assignments(sets).items():
-        set_dotted_key(tree, key, value)
-    return parse_settings(FilterSettings, tree, "--set")
-
-
-def network_settings(told: Communication) -> dict[str, object]:
-    """What a log tells of the network among its robots as keys of `dpf`."""
-    network: dict[str, object] = {
-        "graph": told.graph,
-        "interval": 1.0 / told.rate,
-        "loss": told.loss,
-        "delay": told.delay,
-    }
-    return network if told.reach == float("inf") else network | {"reach": told.reach}
+    layers = (
+        ("environment", settings_from_environment(FilterSettings)),
+        ("--set", parse_assignments(sets)),
+    )
+    return effective_settings((str(config), tree), layers, told)
 
 
 def with_ranges(recording: Recording, console: Console) -> Recording:

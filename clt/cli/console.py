@@ -23,6 +23,8 @@ class Console:
 
     quiet: bool = False
     verbose: bool = False
+    silent: bool = False
+    """Lines are kept for the console that adopts this one."""
     code: int = EXIT_DONE
     warnings: list[str] = field(default_factory=list)
     """The texts of all that is more than information."""
@@ -30,22 +32,40 @@ class Console:
     """What `--json` carries of everything found."""
     compile_s: float = 0.0
     """Seconds that compiling took so far."""
+    lines: list[str] = field(default_factory=list)
+    """What a silent console has to say."""
     shown: bool = field(default=False, init=False)
     """Whether a line of `progress` stands on the terminal."""
 
     def say(self, text: str) -> None:
         """A line of progress or result for people, silent with -q."""
         if not self.quiet:
-            print(printable(text), file=sys.stderr)
+            self._line(printable(text))
+
+    def adopt(self, other: Console) -> None:
+        """Say and take over all that a silent console found."""
+        self.progress("")
+        for line in other.lines:
+            self._line(line)
+        self.warnings += other.warnings
+        self.diagnostics += other.diagnostics
+        self.code = max(self.code, other.code)
+
+    def _line(self, text: str) -> None:
+        if self.silent:
+            self.lines.append(text)
+        else:
+            print(text, file=sys.stderr)
 
     def detail(self, text: str) -> None:
         """A line only with -v."""
         if self.verbose:
-            print(printable(text), file=sys.stderr)
+            self._line(printable(text))
 
     def progress(self, text: str) -> None:
         """Replace the line that a terminal shows of what is going on; none where text is empty."""
-        if self.shown or (text != "" and not self.quiet and sys.stderr.isatty()):
+        wanted = text != "" and not self.quiet and not self.silent
+        if self.shown or (wanted and sys.stderr.isatty()):
             print(f"\r\x1b[K{printable(text)}", end="", file=sys.stderr, flush=True)
             self.shown = text != ""
 
@@ -61,7 +81,7 @@ class Console:
 
     def report_faults(self, faults: Iterable[Fault]) -> None:
         """Say what is wrong with a log that was read."""
-        from clt.cli.messages.faults import fault_diagnostic
+        from clt.core.faults import fault_diagnostic
 
         for fault in faults:
             found = fault_diagnostic(fault)
@@ -82,4 +102,4 @@ class Console:
         if severity == "partial":
             self.code = EXIT_PARTIAL
         if not self.quiet or severity == "partial":
-            print(f"clt: warning: {printable(text)}", file=sys.stderr)
+            self._line(f"clt: warning: {printable(text)}")

@@ -14,10 +14,10 @@ from clt.core.errors import CltError
 from clt.core.recording import Recording
 from clt.core.settings import read_toml
 from clt.core.start import Start
+from clt.estimation.initial import any_moves, initialize, uncertain_robots
 from clt.initialization.given.poses import from_poses
-from clt.initialization.given.recorded import from_record
-from clt.initialization.given.truth import from_truth, with_heading
-from clt.initialization.status import Initialization, from_given_start
+from clt.initialization.given.truth import with_heading
+from clt.initialization.status import Initialization
 from clt.model.settings import FilterSettings
 
 
@@ -37,52 +37,25 @@ def find_initial_poses(
     those that are open are no lack where what follows has `kept` every hypothesis.
     Raises CltError where nothing can be initialized at all.
     """
-    recorded = from_record(recording) if method == "auto" else None
-    if recorded is None and method == "auto" and ego is not None and len(recording.team.static) < 2:
-        method = "pairwise"
-    if method == "truth":
-        start = from_truth(recording, settings.initial.sigma)
-        lack = Diagnostic("start_without_truth")
-        found = from_given_start(start, recording.team, lack)
-        warn_uncertain_robots(found, console)
-        return method, found
-    if method == "pairwise":
-        from clt.initialization.pairwise.team import from_pairwise
-
-        with announce_compilation(console):
-            found = from_pairwise(recording, settings, ego)
-        console.say(f"initial poses: from ranges between pairs, in the frame {found.frame}")
-        print_notes(found, console)
-        warn_uncertain_robots(found, console, kept=kept)
-        return method, found
-    if recorded is not None:
-        console.say("initial poses: from the log's own record")
-        lack = Diagnostic("start_not_recorded")
-        return "record", from_given_start(recorded, recording.team, lack)
-    if method == "auto" and ego is None and len(recording.team.static) < 2:
-        from clt.initialization.given.known import from_references
-
-        with announce_compilation(console):
-            placed = from_references(recording, settings)
-        if placed is not None:
-            names, found = placed
-            console.say(
-                f"initial poses: from the ground truth of {', '.join(names)}, what is surveyed "
-                "and ranges between pairs"
-            )
-            print_notes(found, console)
-            warn_uncertain_robots(found, console)
-            return "pairwise", found
-    from clt.initialization.motion.motion import from_motion  # slow
-
     with announce_compilation(console):
-        found = from_motion(recording, settings)
-        if found.contradiction is not None:
-            from clt.estimation.contradiction import explained
-
-            found = explained(recording, found, settings)
-    print_motion_start(found, recording, console)
-    return "motion", found
+        chosen = initialize(recording, method, settings, ego)
+    used, found = chosen.method, chosen.found
+    if len(chosen.references) > 0:
+        console.say(
+            f"initial poses: from the ground truth of {', '.join(chosen.references)}, what is "
+            "surveyed and ranges between pairs"
+        )
+    elif used == "pairwise":
+        console.say(f"initial poses: from ranges between pairs, in the frame {found.frame}")
+    if used == "record":
+        console.say("initial poses: from the log's own record")
+    elif used == "motion":
+        print_motion_start(found, recording, console)
+    else:
+        print_notes(found, console)
+        kept = kept and used == "pairwise" and len(chosen.references) == 0
+        warn_uncertain_robots(found, console, kept=kept)
+    return used, found
 
 
 def print_notes(found: Initialization, console: Console) -> None:
@@ -159,7 +132,7 @@ def start_if_any_moves(
     Raises CltError if no moving one is, with the remedies that the log allows.
     """
     start = found.start
-    if any(name in recording.odometry for name in start.poses):
+    if any_moves(start, recording):
         return start
     truths = (recording.truth.get(name) for name in recording.odometry)
     headed = any(truth is not None and with_heading(truth).stamp.size > 0 for truth in truths)
@@ -176,20 +149,17 @@ def start_if_any_moves(
 
 def warn_uncertain_robots(found: Initialization, console: Console, *, kept: bool = False) -> None:
     """Say which robots have no certain pose, and why: once for all that share a reason."""
-    reasons: dict[tuple[str, str, bool], list[str]] = {}
+    reasons: dict[tuple[str, str, Severity], list[str]] = {}
     whys: dict[str, Diagnostic] = {}
-    for name, robot in found.robots.items():
-        if robot.status == "ok" or robot.why is None:
-            continue
-        text = reason_text(robot.why)
-        whys[text] = robot.why
-        lacking = not (kept and robot.open)
-        reasons.setdefault((robot.status, text, lacking), []).append(name)
-    for (status, text, lacking), names in reasons.items():
-        severity: Severity = "partial" if lacking else "warning"
+    for name, robot, why, severity in uncertain_robots(found, kept=kept):
+        text = reason_text(why)
+        whys[text] = why
+        reasons.setdefault((robot.status, text, severity), []).append(name)
+    for (status, text, severity), names in reasons.items():
         values = {**whys[text].values, "status": status}
-        subject = ", ".join(names)
-        console.report([replace(whys[text], subject=subject, severity=severity, values=values)])
+        console.report(
+            [replace(whys[text], subject=", ".join(names), severity=severity, values=values)]
+        )
 
 
 def print_motion_start(found: Initialization, recording: Recording, console: Console) -> None:

@@ -26,6 +26,8 @@ class CommandEntry(NamedTuple):
     """`module:function`."""
     about: str
     """What `clt --help` says: the first line of the function's docstring."""
+    many: str | None = None
+    """It takes several logs: the suffix of each result in the folder that `-o` then names."""
 
 
 def load_command(row: CommandEntry) -> Callable[..., int]:
@@ -46,6 +48,15 @@ def placeholders(rows: Mapping[str, CommandEntry]) -> dict[str, Any]:
 def help_as_option(words: Sequence[str]) -> list[str]:
     """`clt help COMMAND` as `clt COMMAND --help`."""
     return [*words[1:2], "--help"] if words[:1] == ["help"] else list(words)
+
+
+def load_command_for_logs(row: CommandEntry) -> Callable[..., int]:
+    """Import the function of a command as the command line calls it."""
+    if row.many is None:
+        return load_command(row)
+    from clt.cli.many import for_many_logs
+
+    return for_many_logs(load_command(row), row.place, row.many)
 
 
 def lazy_group(
@@ -104,7 +115,7 @@ def lazy_group(
         def load(self, name: str | None) -> Any:
             """The command with all its options."""
             one = typer.Typer(add_completion=False)
-            one.command(name)(wrap(load_command(rows[str(name)])))
+            one.command(name)(wrap(load_command_for_logs(rows[str(name)])))
             return arrange_options(typer.main.get_command(one))
 
     return Lazy

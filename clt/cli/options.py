@@ -41,6 +41,9 @@ ConfigOption = Annotated[
 CalibrationOption = Annotated[
     Path | None, typer.Option(metavar="FILE", help="Calibration (TOML) to apply.")
 ]
+JobsOption = Annotated[
+    int, typer.Option(min=1, max=1024, metavar="N", help="Processes that share the work.")
+]
 INIT_METHODS = ("auto", "motion", "pairwise", "truth")
 """What `--init` and `clt init --method` take."""
 SetOption = Annotated[

@@ -99,36 +99,27 @@ def select_usable_part(loaded: LoadedLog, period: Period, console: Console) -> R
     """
     from clt.core.diagnostics import Diagnostic
     from clt.core.errors import CltError
-    from clt.log.recording.clocks.excerpt import extract_part
     from clt.log.recording.clocks.findings import CLOCK_FAULT_KINDS
-    from clt.log.recording.clocks.timeline import find_timeline, timeline_faults
+    from clt.log.recording.clocks.timeline import timeline_faults
+    from clt.log.recording.clocks.usable import find_usable_part
 
     whole = loaded.recording
     console.report_faults(fault for fault in whole.faults if fault.kind not in CLOCK_FAULT_KINDS)
     recording = cut_to_period(loaded, period)
-    timeline = find_timeline(recording, results=True)
-    if timeline is None:
+    chosen = find_usable_part(recording)
+    if chosen.timeline is None or chosen.part is None:
         return recording
-    console.report_faults(timeline_faults(timeline, loaded.path))
-    part = timeline.parts[0]
-    text = used_part_text(timeline, part)
+    console.report_faults(timeline_faults(chosen.timeline, loaded.path))
+    text = used_part_text(chosen.timeline, chosen.part)
     if len(text) > 0:
         console.report([Diagnostic("part_used", loaded.path, "partial", {"text": text})])
-    chosen = extract_part(recording, timeline, part)
-    lost = [
-        what
-        for what, before, after in (
-            ("odometry", len(recording.odometry), len(chosen.odometry)),
-            ("ranges", recording.ranges.stamp.size, chosen.ranges.stamp.size),
-        )
-        if before > 0 and after == 0
-    ]
-    if len(lost) > 0:
+    if len(chosen.lost) > 0:
         raise CltError(
-            f"{loaded.path}: no {' and no '.join(lost)} in the part with the most messages, as the "
-            "clocks of this log disagree (clt info says how); --from and --to choose another part"
+            f"{loaded.path}: no {' and no '.join(chosen.lost)} in the part with the most messages, "
+            "as the clocks of this log disagree (clt info says how); --from and --to choose "
+            "another part"
         )
-    return chosen
+    return chosen.recording
 
 
 def cut_to_period(loaded: LoadedLog, period: Period) -> Recording:

@@ -12,11 +12,11 @@ import pytest
 from clt.cli.console import EXIT_DONE, EXIT_PARTIAL, Console
 from clt.cli.initial import warn_uncertain_robots
 from clt.cli.messages.causes import CAUSE_TEXTS, cause_text
-from clt.cli.messages.faults import fault_diagnostic
 from clt.cli.messages.initialization import REASONS, reason_text
 from clt.cli.messages.render import TEXTS, diagnostic_document, diagnostic_text
 from clt.core import diagnostics
 from clt.core.diagnostics import DIVERGED, Diagnostic, by_severity
+from clt.core.faults import fault_diagnostic
 from clt.core.recording import Fault
 from clt.initialization.status import Initialization, RobotStatus, unobservable_status
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -9,6 +11,7 @@ import typer
 
 from clt.cli.options import (
     ForceOption,
+    JobsOption,
     JsonOption,
     QuietOption,
     ReportOption,
@@ -68,6 +71,7 @@ def evaluate(
     streams: StreamsOption = None,
     since: FromOption = None,
     until: ToOption = None,
+    jobs: JobsOption = 1,
     force: ForceOption = False,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
@@ -89,8 +93,6 @@ def evaluate(
     from clt.cli.numbers import without_nan
     from clt.cli.period import parse_period
     from clt.cli.reference import parse_reference
-    from clt.core.diagnostics import Diagnostic
-    from clt.core.errors import CltError, UsageError
     from clt.metrics.errors import parse_delta
     from clt.metrics.evaluation import EvaluateOptions
 
@@ -106,31 +108,27 @@ def evaluate(
     inputs.check(output, force)
     found: dict[str, Evaluation] = {}
     objects: list[dict[str, object]] = []
+    tasks = [
+        ScoreTask(
+            log, inputs["streams"], options, period, reference, quiet, verbose, len(logs) == 1
+        )
+        for log in logs
+    ]
     with inputs.report(output, force) as file:
         out = None if as_json else board_on(file)
-        for log in logs:
-            already = len(console.diagnostics)
-            try:
-                _, evaluation = evaluate_log(
-                    log, inputs["streams"], options, console, period, reference
-                )
-            except (CltError, OSError) as error:
-                if len(logs) == 1 or isinstance(error, UsageError):
-                    raise
-                text = error.strerror if isinstance(error, OSError) else None
-                text = with_log_name(log, text or str(error))
-                failure = Diagnostic("log_failed", str(log), "partial", {"error": text})
-                console.report([failure])
-                said = console.diagnostics[already:]
-                objects.append({"log": str(log), "error": text, "diagnostics": said})
+        for task, scored in zip(tasks, scores_in_order(tasks, jobs, console), strict=True):
+            name = str(task.log)
+            console.adopt(scored.console)
+            said = scored.console.diagnostics
+            if scored.evaluation is None:
+                objects.append({"log": name, "error": scored.error, "diagnostics": said})
                 continue
-            found[str(log)] = evaluation
-            said = console.diagnostics[already:]
-            objects.append(evaluation_document(str(log), evaluation, said))
+            found[name] = scored.evaluation
+            objects.append(evaluation_document(name, scored.evaluation, said))
             if out is not None and (verbose or len(logs) == 1):
                 from clt.cli.reports.evaluate_report import print_evaluation
 
-                print_evaluation(out, str(log), evaluation)
+                print_evaluation(out, name, scored.evaluation)
         if out is None:
             document = objects[0] if len(logs) == 1 else objects
             print(json.dumps(without_nan(document), allow_nan=False, indent=1), file=file)
@@ -138,7 +136,69 @@ def evaluate(
             from clt.cli.reports.evaluate_report import print_team_table
 
             print_team_table(out, found)
-    return EXIT_FAILED if len(found) < len(objects) else console.code
+    return console.code if len(found) > 0 else EXIT_FAILED
+
+
+@dataclass(frozen=True)
+class ScoreTask:
+    """One log to be scored."""
+
+    log: Path
+    streams: Document | None
+    options: EvaluateOptions
+    period: Period
+    reference: ReferenceFiles | None
+    quiet: bool
+    verbose: bool
+    alone: bool
+    """Errors are raised instead of kept."""
+
+
+@dataclass(frozen=True)
+class Scored:
+    """What came of it."""
+
+    evaluation: Evaluation | None
+    error: str
+    console: Console
+    """With all that was found; nothing is said yet."""
+
+
+def scores_in_order(tasks: list[ScoreTask], jobs: int, console: Console) -> Iterator[Scored]:
+    """What came of every task, in order, each as soon as it can be."""
+    from clt.cli.console import Console as Silent
+    from clt.cli.many import in_order
+
+    def lost(task: ScoreTask, text: str) -> Scored:
+        return failed_score(task.log, text, Silent(task.quiet, silent=True))
+
+    yield from in_order(score, tasks, jobs, console, lost)
+
+
+def score(task: ScoreTask) -> Scored:
+    """Evaluate one log. Raises CltError for one that stands alone."""
+    from clt.cli.console import Console
+    from clt.core.errors import CltError, UsageError
+
+    console = Console(task.quiet, task.verbose, silent=True)
+    try:
+        _, evaluation = evaluate_log(
+            task.log, task.streams, task.options, console, task.period, task.reference
+        )
+    except (CltError, OSError) as error:
+        if task.alone or isinstance(error, UsageError):
+            raise
+        text = error.strerror if isinstance(error, OSError) else None
+        return failed_score(task.log, with_log_name(task.log, text or str(error)), console)
+    return Scored(evaluation, "", console)
+
+
+def failed_score(log: Path, text: str, console: Console) -> Scored:
+    """A log that could not be scored."""
+    from clt.core.diagnostics import Diagnostic
+
+    console.report([Diagnostic("log_failed", str(log), "partial", {"error": text})])
+    return Scored(None, text, console)
 
 
 def refuse_repeated_stdin(logs: list[Path]) -> None:

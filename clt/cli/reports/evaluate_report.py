@@ -24,11 +24,11 @@ MAX_RESIDUAL_PAIRS = 10
 """Pairs in the table; the rest is in the JSON."""
 
 
-def table_console(file: TextIO) -> Console:
-    """Where tables go: colours only on a terminal, 80 columns where there is none."""
+def table_console(file: TextIO, columns: int = PIPE_COLUMNS) -> Console:
+    """Where tables go: colours only on a terminal, so many `columns` where there is none."""
     console = Console(highlight=False, file=file)
     if not console.is_terminal:
-        console.width = PIPE_COLUMNS
+        console.width = columns
     return console
 
 

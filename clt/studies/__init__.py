@@ -1,0 +1,1 @@
+"""Studies: a grid of scenarios, settings and seeds in, tables out."""
