@@ -26,12 +26,10 @@ from clt.core.arrays import NS_PER_SECOND
 from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError, UsageError
 from clt.core.recording import Team
-from clt.devices.host_clock import HostClock, SystemTime
-from clt.devices.intake import Intake
-from clt.devices.log_parts import LogParts, part_path
-from clt.devices.messages import LOG_TYPE
-from clt.devices.raw_log import SOURCES_KEY, START_KEY, OldEvent, read_raw_log
-from clt.devices.recorder import Recorder, RecorderOptions
+from clt.devices.intake.intake import Intake
+from clt.devices.intake.summary import nothing_decoded, source_figures, summary_diagnostics
+from clt.devices.intake.team import GrowingTeam, read_team
+from clt.devices.recorder.recorder import Recorder, RecorderOptions
 from clt.devices.source_spec import (
     PASSING_SCHEMES,
     SourceSpec,
@@ -41,8 +39,10 @@ from clt.devices.source_spec import (
     sources_of_file,
     store_sources,
 )
-from clt.devices.summary import nothing_decoded, source_figures, summary_diagnostics
-from clt.devices.team import GrowingTeam, read_team
+from clt.devices.stamping.host_clock import HostClock, SystemTime
+from clt.devices.storage.log_parts import LogParts, part_path
+from clt.devices.storage.messages import LOG_TYPE
+from clt.devices.storage.raw_log import SOURCES_KEY, START_KEY, OldEvent, read_raw_log
 from clt.log.output import STDOUT, open_output
 
 SIZE_UNITS = {"": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 from clt.cli.console import Console
 from clt.cli.reports.record_report import size_text
 from clt.core.arrays import NS_PER_SECOND
-from clt.devices.recorder import SourceStatus, Status
+from clt.devices.recorder.recorder import SourceStatus, Status
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -15,7 +15,7 @@ from clt.core.settings import did_you_mean
 from clt.devices.decoders.names import is_id, is_robot_name, usual_id
 from clt.devices.decoders.options import parse_options
 from clt.devices.decoders.table import DecoderSpec, find_decoder
-from clt.devices.joining import JoinSettings
+from clt.devices.intake.joining import JoinSettings
 from clt.devices.sources.source import SourceUrl
 from clt.devices.sources.table import find_source
 from clt.devices.sources.url import STDIN_SCHEME, parse_url

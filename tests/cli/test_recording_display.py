@@ -12,8 +12,8 @@ from clt.cli.recording import size_in_bytes
 from clt.cli.recording_display import LineDisplay, Rates, age_text, status_table
 from clt.cli.reports.record_report import print_record_summary, size_text
 from clt.core.errors import UsageError
-from clt.devices.recorder import SourceStatus, Status
-from clt.devices.tally import Tally
+from clt.devices.intake.tally import Tally
+from clt.devices.recorder.recorder import SourceStatus, Status
 
 NOW = 1_700_000_000_000_000_000
 

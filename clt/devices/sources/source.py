@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
-from clt.devices.host_clock import HostClock
+from clt.devices.stamping.host_clock import HostClock
 
 
 class SourceUrl(NamedTuple):

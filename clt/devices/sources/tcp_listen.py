@@ -5,10 +5,10 @@ from __future__ import annotations
 import socket
 from collections.abc import Sequence
 
-from clt.devices.host_clock import HostClock
 from clt.devices.sources.sockets import bound, check_address, readable
 from clt.devices.sources.source import Chunk, Opening, SourceKind, SourceUrl
 from clt.devices.sources.tcp import READ_BYTES
+from clt.devices.stamping.host_clock import HostClock
 
 MAX_CLIENTS = 64
 """At one time; more wait until one leaves."""

@@ -9,9 +9,9 @@ import pytest
 from mcap.reader import make_reader
 
 from clt.core.errors import CltError
-from clt.devices import log_parts
-from clt.devices.log_parts import LogParts, free_bytes
-from clt.devices.whole_file import WholeFile
+from clt.devices.storage import log_parts
+from clt.devices.storage.log_parts import LogParts, free_bytes
+from clt.devices.storage.whole_file import WholeFile
 from clt.log.mcap.live_writer import DiskFullError
 
 RANGE = "clt_msgs/msg/Range"

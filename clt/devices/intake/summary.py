@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from clt.core.diagnostics import Diagnostic, Severity
-from clt.devices.tally import Tally
+from clt.devices.intake.tally import Tally
 
 SUMMARY_FIELDS = (
     "bytes", "frames", "samples", "skipped_bytes", "tail_bytes", "bad_frames", "lost",

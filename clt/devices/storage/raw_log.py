@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 from clt.core.errors import LogError
 from clt.core.recording import Fault
-from clt.devices.messages import LOG_TYPE, RAW_HEAD, RAW_TYPE
 from clt.devices.source_spec import SourceSpec, sources_of_log
 from clt.devices.sources.source import Chunk
+from clt.devices.storage.messages import LOG_TYPE, RAW_HEAD, RAW_TYPE
 from clt.log.mcap.definitions import summary_definitions
 from clt.log.mcap.records import Metadata
 from clt.log.mcap.scan import Channel, McapScan

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from clt.devices.samples import RangeSample
-from clt.devices.stamps import LiveStamps, PastStamps
+from clt.devices.stamping.stamps import LiveStamps, PastStamps
 
 SECOND = 1_000_000_000
 

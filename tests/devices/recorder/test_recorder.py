@@ -10,18 +10,18 @@ import pytest
 from mcap.reader import make_reader
 
 from clt.cli.messages.render import diagnostic_text
-from clt.devices import recorder as module
 from clt.devices.decoders.lines import LineDecoder
-from clt.devices.host_clock import HostClock, SystemTime
-from clt.devices.inbox import Inbox, Opened
-from clt.devices.intake import Intake
-from clt.devices.log_parts import LogParts
-from clt.devices.recorder import Recorder, RecorderOptions
+from clt.devices.intake.intake import Intake
+from clt.devices.intake.summary import summary_diagnostics
+from clt.devices.intake.team import GrowingTeam
+from clt.devices.recorder import recorder as module
+from clt.devices.recorder.inbox import Inbox, Opened
+from clt.devices.recorder.recorder import Recorder, RecorderOptions
 from clt.devices.source_spec import parse_source
 from clt.devices.sources.source import Chunk, DisconnectedError, SourceKind
 from clt.devices.sources.table import SOURCES
-from clt.devices.summary import summary_diagnostics
-from clt.devices.team import GrowingTeam
+from clt.devices.stamping.host_clock import HostClock, SystemTime
+from clt.devices.storage.log_parts import LogParts
 from clt.log.recording.load import load
 from tests.devices.clocks import FakeTime
 from tests.devices.streams import range_line

@@ -7,8 +7,7 @@ import threading
 from clt.core.arrays import NS_PER_SECOND
 from clt.core.diagnostics import Diagnostic, Severity
 from clt.core.errors import CltError
-from clt.devices.host_clock import HostClock
-from clt.devices.inbox import Dropped, Ended, Inbox, Opened
+from clt.devices.recorder.inbox import Dropped, Ended, Inbox, Opened
 from clt.devices.source_spec import SourceSpec
 from clt.devices.sources.source import (
     Chunk,
@@ -17,6 +16,7 @@ from clt.devices.sources.source import (
     Opening,
     SourceKind,
 )
+from clt.devices.stamping.host_clock import HostClock
 
 READ_TIMEOUT_S = 0.05
 FIRST_RETRY_S = 0.2

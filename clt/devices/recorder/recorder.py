@@ -10,17 +10,17 @@ from typing import NamedTuple
 
 from clt.core.arrays import NS_PER_SECOND
 from clt.core.diagnostics import Diagnostic
-from clt.devices.device_time import device_time_of
-from clt.devices.host_clock import HostClock
-from clt.devices.inbox import Content, Dropped, Ended, Inbox, Opened
-from clt.devices.intake import Intake
-from clt.devices.log_parts import LogParts, free_bytes
-from clt.devices.messages import LOG_TYPE, event_payload
-from clt.devices.source_reader import SourceReader
+from clt.devices.intake.intake import Intake
+from clt.devices.intake.tally import Tally
+from clt.devices.recorder.inbox import Content, Dropped, Ended, Inbox, Opened
+from clt.devices.recorder.source_reader import SourceReader
 from clt.devices.source_spec import SourceSpec
 from clt.devices.sources.source import Chunk, Connection, DisconnectedError, Opening
 from clt.devices.sources.table import find_source
-from clt.devices.tally import Tally
+from clt.devices.stamping.device_time import device_time_of
+from clt.devices.stamping.host_clock import HostClock
+from clt.devices.storage.log_parts import LogParts, free_bytes
+from clt.devices.storage.messages import LOG_TYPE, event_payload
 from clt.log.mcap.live_writer import DiskFullError
 
 WAIT_S = 0.005

@@ -1,7 +1,7 @@
 """When the samples of a stream were true: stamps by the host's clock, from all that is known.
 
-Live streams: the device's time by `clt.devices.clock_map`, or the arrival where the device gives
-none. Streams of the past (files read as fast as possible, standard input): the spacing is the
+Live streams: the device's time by `clt.devices.stamping.clock_map`, or the arrival where the device
+gives none. Streams of the past (files read as fast as possible, standard input): the spacing is the
 device's and the first stamp is the start; formats without time are spaced by a given period.
 """
 
@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from clt.devices.clock_map import CONFIRMATIONS, ClockMap, MapSegment
 from clt.devices.samples import Sample
+from clt.devices.stamping.clock_map import CONFIRMATIONS, ClockMap, MapSegment
 
 SAME_CLOCK_NS = 1_000_000_000
 """Clocks of one stream of the past that differ by less when first seen are taken for one."""

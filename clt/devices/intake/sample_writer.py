@@ -10,18 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from clt.core.recording import Robot
 from clt.devices.decoders.names import name_without_map
 from clt.devices.decoders.table import find_decoder
-from clt.devices.joining import SteeringTable
-from clt.devices.messages import (
-    IMU_TYPE,
-    NO_NEIGHBOURS,
-    NS,
-    PACKET_MESSAGE,
-    RANGE_PAYLOAD,
-    UNKNOWN_VARIANCE,
-    imu_template,
-    odometry_template,
-    pose_template,
-)
+from clt.devices.intake.joining import SteeringTable
+from clt.devices.intake.tally import Tally
+from clt.devices.intake.team import GrowingTeam
 from clt.devices.samples import (
     ImuSample,
     OdometrySample,
@@ -32,8 +23,17 @@ from clt.devices.samples import (
     SteeringSample,
 )
 from clt.devices.source_spec import SourceSpec
-from clt.devices.tally import Tally
-from clt.devices.team import GrowingTeam
+from clt.devices.storage.messages import (
+    IMU_TYPE,
+    NO_NEIGHBOURS,
+    NS,
+    PACKET_MESSAGE,
+    RANGE_PAYLOAD,
+    UNKNOWN_VARIANCE,
+    imu_template,
+    odometry_template,
+    pose_template,
+)
 from clt.log.cdr.template import MessageTemplate
 from clt.log.cdr.writer import ENCAPSULATION_HEADER
 from clt.log.recording.channels import ODOMETRY_TYPE, POSE_TYPE, RANGE_TYPE
@@ -42,7 +42,7 @@ from clt.log.recording.metadata import TEAM_RECORD, encode_team
 from clt.log.recording.packets import MAX_NEIGHBOURS, UWB_FRAME_TYPE
 
 if TYPE_CHECKING:
-    from clt.devices.intake import MessageSink
+    from clt.devices.intake.intake import MessageSink
 
 MAX_UNKNOWN_IDS = 64
 """Ids that are counted one by one."""

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from clt.core.errors import CltError
-from clt.devices.whole_file import WholeFile
+from clt.devices.storage.whole_file import WholeFile
 from clt.log.mcap.live_writer import FULL, DiskFullError, LiveWriter
 
 

@@ -10,24 +10,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from clt.devices.clock_map import MapSegment
 from clt.devices.decoders.decoder import Decoder
 from clt.devices.decoders.table import find_decoder
-from clt.devices.joining import SteeringTable
-from clt.devices.messages import (
+from clt.devices.intake.joining import SteeringTable
+from clt.devices.intake.sample_writer import SampleWriter, write_team
+from clt.devices.intake.tally import Tally
+from clt.devices.intake.team import GrowingTeam
+from clt.devices.samples import Sample
+from clt.devices.source_spec import SourceSpec
+from clt.devices.sources.source import Chunk
+from clt.devices.stamping.clock_map import MapSegment
+from clt.devices.stamping.stamps import LiveStamps, PastStamps, Stamping
+from clt.devices.storage.messages import (
     CLOCK_MAP_TYPE,
     NS,
     RAW_TYPE,
     clock_map_template,
     raw_payload,
 )
-from clt.devices.sample_writer import SampleWriter, write_team
-from clt.devices.samples import Sample
-from clt.devices.source_spec import SourceSpec
-from clt.devices.sources.source import Chunk
-from clt.devices.stamps import LiveStamps, PastStamps, Stamping
-from clt.devices.tally import Tally
-from clt.devices.team import GrowingTeam
 
 ONE_OBJECT = re.compile(rb"\{[^\n]*\}(?:\*[0-9A-Fa-f]{2})?[ \r]*")
 JOINING_BYTES = 4096

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clt.devices.clock_map import MAX_RATE, WINDOWS, ClockMap, lower_line
+from clt.devices.stamping.clock_map import MAX_RATE, WINDOWS, ClockMap, lower_line
 
 MS = 1_000_000
 SECOND = 1_000_000_000
