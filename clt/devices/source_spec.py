@@ -52,6 +52,11 @@ class SourceSpec:
         return self.url.scheme in PASSING_SCHEMES and float(self.url.options.get("rate", "0")) != 1
 
     @property
+    def live(self) -> bool:
+        """Its bytes come from a device, at whatever pace; not from a file or a pipe."""
+        return self.url.scheme not in {*PASSING_SCHEMES, STDIN_SCHEME}
+
+    @property
     def pulled(self) -> bool:
         """Read whenever there is nothing else to do: as fast as possible."""
         rate = float(self.url.options.get("rate", "0"))

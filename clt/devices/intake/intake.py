@@ -5,22 +5,34 @@ Knows neither threads nor sources: recordings and logs that are decoded again co
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Protocol
+import json
+from collections.abc import Sequence
 
 from clt.devices.decoders.decoder import Decoder
-from clt.devices.decoders.table import find_decoder
+from clt.devices.intake.carried import (
+    Carried,
+    losses_record,
+    resume_stream,
+    stream_state,
+)
+from clt.devices.intake.decoding import (
+    SourceState,
+    StreamState,
+    decoded_samples,
+    replace_decoder,
+    whole_lines,
+)
 from clt.devices.intake.joining import SteeringTable
-from clt.devices.intake.sample_writer import SampleWriter, write_team
+from clt.devices.intake.sample_writer import SampleWriter
 from clt.devices.intake.tally import Tally
 from clt.devices.intake.team import GrowingTeam
-from clt.devices.samples import Sample
 from clt.devices.source_spec import SourceSpec
 from clt.devices.sources.source import Chunk
 from clt.devices.stamping.clock_map import MapSegment
-from clt.devices.stamping.stamps import LiveStamps, PastStamps, Stamping
+from clt.devices.stamping.live_stamps import LiveStamps
+from clt.devices.stamping.past_stamps import PastStamps
+from clt.devices.stamping.stamping import Stamped
+from clt.devices.storage.message_sink import MessageSink
 from clt.devices.storage.messages import (
     CLOCK_MAP_TYPE,
     NS,
@@ -28,51 +40,11 @@ from clt.devices.storage.messages import (
     clock_map_template,
     raw_payload,
 )
-
-ONE_OBJECT = re.compile(rb"\{[^\n]*\}(?:\*[0-9A-Fa-f]{2})?[ \r]*")
-JOINING_BYTES = 4096
-"""Bytes before the first frame of a connection that are not held against it."""
+from clt.devices.storage.raw_log import CARRIED_RECORD, LOSSES_RECORD
+from clt.log.recording.metadata import TEAM_RECORD, encode_team
 
 INT64_END = 1 << 63
 """Device times beyond make no sense; no message holds them."""
-
-
-class MessageSink(Protocol):
-    """A log that messages are appended to."""
-
-    def channel(self, topic: str, schema: str) -> int:
-        """Announce a topic; the same again gives the same number."""
-
-    def write(self, channel: int, log_time: int, publish_time: int, payload: bytes) -> None:
-        """Append one message; times in ns."""
-
-    def metadata(self, name: str, record: Mapping[str, str]) -> None:
-        """Write a metadata record."""
-
-
-@dataclass
-class StreamState:
-    """One stream of a source: a port, a client."""
-
-    raw: int
-    """Channel of its raw bytes."""
-    decoder: Decoder
-    stamping: Stamping
-    writer: SampleWriter
-    joining: int = JOINING_BYTES
-    """Bytes that may still be skipped as the rest of a frame that began before the connection;
-    0 once a frame was understood."""
-    counted: tuple[int, int, int] = (0, 0, 0)
-    """Frames, bad frames and skipped bytes of the decoder that are in the tally."""
-
-
-@dataclass
-class SourceState:
-    """One source and its streams."""
-
-    spec: SourceSpec
-    tally: Tally
-    streams: dict[int, StreamState] = field(default_factory=dict)
 
 
 class Intake:
@@ -85,9 +57,20 @@ class Intake:
         team: GrowingTeam,
         start_ns: int,
         most: int | None = None,
+        *,
+        carried: Carried | None = None,
     ) -> None:
-        """`most` messages other than raw are written at most."""
-        self.sources = {spec.name: SourceState(spec, Tally(spec.proto)) for spec in specs}
+        """`most` messages other than raw are written at most.
+
+        `carried` from the log before this part of it. Raises LogError where that makes no sense.
+        """
+        self.sources = {
+            spec.name: SourceState(
+                spec,
+                Tally(spec.proto, live=spec.live, mapped=spec.robots is not None),
+            )
+            for spec in specs
+        }
         self.messages = 0
         """Other than raw."""
         self._most = most
@@ -96,7 +79,12 @@ class Intake:
         self._start_ns = start_ns
         self._steering = SteeringTable()
         self._log_time = 0
-        write_team(sink, team)
+        self._losses: dict[str, str] = {}
+        self._write_team()
+        self.write_losses()
+        for name, streams in ({} if carried is None else carried).items():
+            for number in streams if name in self.sources else ():
+                self._resume(self.sources[name], number, streams[number])
 
     @property
     def tallies(self) -> dict[str, Tally]:
@@ -119,10 +107,13 @@ class Intake:
 
     def take(self, name: str, chunk: Chunk, decode: bool = True) -> None:
         """Bytes of a source; empty: its connection ended."""
+        log_time = max(self._log_time, chunk.host_ns)
+        if self._sink.is_part_due(log_time):
+            self._turn(log_time)
+        self._log_time = log_time
         source = self.sources[name]
         stream = self._stream(source, chunk.stream)
         tally = source.tally
-        log_time = self.log_time(chunk.host_ns)
         self._sink.write(stream.raw, log_time, log_time, raw_payload(log_time, chunk.data))
         tally.bytes += len(chunk.data)
         if chunk.data == b"":
@@ -147,6 +138,38 @@ class Intake:
             for stream in source.streams.values():
                 self._write(source, stream, Chunk(log_time, b""), log_time, ended=True)
                 source.tally.tail_bytes += stream.decoder.tail_bytes
+        self.settle()
+
+    def settle(self) -> None:
+        """Write what has changed of the team and of losses."""
+        if self._team.changed:
+            self._write_team()
+        self.write_losses()
+
+    def write_losses(self) -> None:
+        """Write how much of every source was lost, where that has changed."""
+        losses = losses_record(self.tallies)
+        if losses != self._losses:
+            self._losses = losses
+            self._sink.metadata(LOSSES_RECORD, losses)
+
+    def _write_team(self) -> None:
+        """The robots so far; the latest such record of a log holds."""
+        self._sink.metadata(TEAM_RECORD, encode_team(self._team.written()))
+
+    def _turn(self, log_time: int) -> None:
+        """Go on in a new part, which begins with what its reader needs."""
+        record = {}
+        for name, source in self.sources.items():
+            streams = {}
+            for number, stream in source.streams.items():
+                self._write_stamped(source, stream, stream.stamping.rest(), self._log_time)
+                streams[number] = stream_state(
+                    stream.decoder, stream.stamping, stream.writer, stream.tail, stream.joining
+                )
+            record[name] = json.dumps(streams)
+        self.settle()
+        self._sink.next_part(log_time, CARRIED_RECORD, record)
 
     def _write(
         self,
@@ -159,77 +182,32 @@ class Intake:
     ) -> None:
         """Decode and write the samples; `ended`: those that a lost connection leaves."""
         try:
-            samples = self._samples(
+            samples = decoded_samples(
                 source, stream, b"" if ended else whole_lines(source.spec, chunk.data)
             )
         except Exception as error:  # noqa: BLE001 - a decoder of a third party may raise anything
-            self._replace_decoder(source, stream, error, len(chunk.data))
+            replace_decoder(source, stream, error, len(chunk.data))
             return
+        stamped = stream.stamping.take(samples, log_time) if len(samples) > 0 else []
+        if ended:
+            stamped += stream.stamping.rest()
+        self._write_stamped(source, stream, stamped, log_time)
+
+    def _write_stamped(
+        self, source: SourceState, stream: StreamState, stamped: list[Stamped], log_time: int
+    ) -> None:
         if self._most is not None:
-            samples = samples[: max(self._most - self.messages, 0)]
-        if len(samples) == 0:
+            stamped = stamped[: max(self._most - self.messages, 0)]
+        if len(stamped) == 0:
             return
-        stamps = stream.stamping.stamps(samples, log_time)
         for clock, segment in stream.stamping.changes():
             self._write_map(source, clock, segment, log_time)
-        self.messages += stream.writer.write(samples, stamps, log_time)
-        source.tally.restarts = sum(one.stamping.restarts for one in source.streams.values())
-
-    def _samples(self, source: SourceState, stream: StreamState, data: bytes) -> Sequence[Sample]:
-        """The samples of bytes; of none those that the end of the connection leaves."""
-        if data != b"":
-            return self._decoded(source.tally, stream, data)
-        samples = stream.decoder.finish()
-        self._count(source.tally, stream)
-        stream.joining = JOINING_BYTES
-        return samples
-
-    def _replace_decoder(
-        self, source: SourceState, stream: StreamState, error: Exception, size: int
-    ) -> None:
-        """A decoder failed at `size` bytes: they are kept raw, and a new one goes on."""
-        spec, tally = source.spec, source.tally
-        tally.bad_frames += 1
-        tally.damaged_bytes += size
-        tally.skipped_bytes += size
-        tally.decoder_error = " ".join(f"{type(error).__name__}: {error}".split())
-        stream.decoder = find_decoder(spec.proto, spec.name).make(spec.options, spec.name)
-        stream.counted, stream.joining = (0, 0, 0), JOINING_BYTES
-
-    def _decoded(self, tally: Tally, stream: StreamState, data: bytes) -> Sequence[Sample]:
-        """The samples of more bytes; until the first frame they are fed one by one.
-
-        So what is skipped before it is told from what is damaged, however the bytes were cut.
-        """
-        feed = stream.decoder.feed
-        if stream.joining == 0:
-            samples = feed(data)
-            self._count(tally, stream)
-            return samples
-        at = 0
-        early: list[Sample] = []
-        while at < len(data) and stream.joining > 0:
-            early += feed(data[at : at + 1])
-            at += 1
-            stream.joining -= 1
-            if stream.decoder.counts.frames > stream.counted[0]:
-                stream.joining = 0
-        self._count(tally, stream, damaged=False)
-        if at < len(data):
-            early += feed(data[at:])
-            self._count(tally, stream)
-        return early
-
-    def _count(self, tally: Tally, stream: StreamState, *, damaged: bool = True) -> None:
-        """Add to the tally what the decoder counted since the last time."""
-        counts = stream.decoder.counts
-        frames, bad, skipped = stream.counted
-        stream.counted = (counts.frames, counts.bad_frames, counts.skipped_bytes)
-        tally.frames += counts.frames - frames
-        tally.bad_frames += counts.bad_frames - bad
-        tally.skipped_bytes += counts.skipped_bytes - skipped
-        if damaged:
-            tally.damaged_bytes += counts.skipped_bytes - skipped
+        self.messages += stream.writer.write(stamped, log_time)
+        if self._team.is_due:
+            self._write_team()
+        stampings = [one.stamping for one in source.streams.values()]
+        source.tally.restarts = sum(one.restarts for one in stampings)
+        source.tally.clockless = sum(one.clockless for one in stampings)
 
     def _write_map(
         self, source: SourceState, clock: str, segment: MapSegment, log_time: int
@@ -249,21 +227,26 @@ class Intake:
             found = source.streams[number] = self._new_stream(source, number)
         return found
 
+    def _resume(self, source: SourceState, number: str, state: object) -> None:
+        """Let a stream go on where the part before ended. Raises LogError."""
+        if not number.isdigit() or not isinstance(state, dict):
+            return
+        stream = self._stream(source, int(number))
+        stream.tail, stream.joining = resume_stream(
+            state, stream.decoder, stream.stamping, stream.writer
+        )
+        counts = stream.decoder.counts
+        stream.counted = (counts.frames, counts.bad_frames, counts.skipped_bytes)
+
     def _new_stream(self, source: SourceState, number: int) -> StreamState:
         spec = source.spec
         topic = f"/raw/{spec.name}" + (f"/{number}" if number > 1 else "")
-        decoder = find_decoder(spec.proto, spec.name).make(spec.options, spec.name)
+        form = spec.decoder
+        decoder = form.make(spec.options, spec.name)
         past = PastStamps(self._start_ns, spec.join.period)
         return StreamState(
             self._sink.channel(topic, RAW_TYPE),
             decoder,
             past if spec.past else LiveStamps(),
-            SampleWriter(self._sink, spec, source.tally, self._team, self._steering),
+            SampleWriter(self._sink, spec, form.ids, source.tally, self._team, self._steering),
         )
-
-
-def whole_lines(spec: SourceSpec, data: bytes) -> bytes:
-    """Bytes for the decoder: a datagram that is one JSON object needs no end of line."""
-    if spec.url.scheme == "udp" and spec.proto == "ndjson" and ONE_OBJECT.fullmatch(data):
-        return data + b"\n"
-    return data
