@@ -9,7 +9,7 @@ import signal
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -26,12 +26,12 @@ from clt.core.arrays import NS_PER_SECOND
 from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError, UsageError
 from clt.core.recording import Team
-from clt.devices.host_clock import HostClock, SystemTime
-from clt.devices.intake import Intake
-from clt.devices.log_parts import LogParts, part_path
-from clt.devices.messages import LOG_TYPE
-from clt.devices.raw_log import SOURCES_KEY, START_KEY, OldEvent, read_raw_log
-from clt.devices.recorder import Recorder, RecorderOptions
+from clt.devices.intake.intake import Intake
+from clt.devices.intake.summary import nothing_decoded, source_figures, summary_diagnostics
+from clt.devices.intake.team import GrowingTeam, read_team
+from clt.devices.recorder.again import decode_again, intake_again
+from clt.devices.recorder.recorder import Recorder
+from clt.devices.recorder.status import RecorderOptions
 from clt.devices.source_spec import (
     PASSING_SCHEMES,
     SourceSpec,
@@ -41,9 +41,10 @@ from clt.devices.source_spec import (
     sources_of_file,
     store_sources,
 )
-from clt.devices.summary import nothing_decoded, source_figures, summary_diagnostics
-from clt.devices.team import GrowingTeam, read_team
-from clt.log.output import STDOUT, open_output
+from clt.devices.stamping.host_clock import HostClock, SystemTime
+from clt.devices.storage.log_parts import LogParts, existing_parts, part_path
+from clt.devices.storage.raw_log import SOURCES_KEY, START_KEY, read_raw_log
+from clt.log.output import STDOUT, is_device, open_output
 
 SIZE_UNITS = {"": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 LATEST_EPOCH_S = float(2**31 - 1)
@@ -62,7 +63,8 @@ class RecordCommand:
     split_size: str | None
     split_duration_s: float | None
     flush_s: float
-    stall_s: float
+    stall_s: float | None
+    """None: as usual."""
     reconnect: bool
     min_free: str
     epoch_s: float | None
@@ -80,7 +82,7 @@ class RecordCommand:
         for name, value in positive.items():
             if value is not None and not (isfinite(value) and value > 0):
                 raise UsageError(f"{name} {value:g}: give a number above 0")
-        if not (isfinite(self.stall_s) and self.stall_s >= 0.0):
+        if self.stall_s is not None and not (isfinite(self.stall_s) and self.stall_s >= 0.0):
             raise UsageError(f"--stall {self.stall_s:g}: give seconds, or 0 for never")
         if self.epoch_s is not None and not 0.0 <= self.epoch_s < LATEST_EPOCH_S:
             raise UsageError(f"--epoch {self.epoch_s:g}: give seconds since 1970")
@@ -88,7 +90,8 @@ class RecordCommand:
         if self.output == STDOUT and (parts or self.as_json):
             other = "--json" if self.as_json else "splitting"
             raise UsageError(f"{other} and -o - do not go together; name a file")
-
+        if parts and is_device(self.output):
+            raise UsageError(f"splitting and -o {self.output} do not go together; name a file")
         if self.split_size is not None:
             size_in_bytes("--split-size", self.split_size)
 
@@ -147,10 +150,8 @@ def check_target(command: RecordCommand, inputs: Inputs) -> None:
         inputs.check(command.output, command.force)
         return
     inputs.check(part_path(command.output, 0), command.force)
-    taken = sorted(command.output.parent.glob(f"{command.output.stem}_[0-9]*"))
-    taken = [path for path in taken if path.suffix == command.output.suffix]
-    if len(taken) > 0 and not command.force:
-        raise CltError(f"{taken[0]}: exists; use --force to overwrite it")
+    for path in existing_parts(command.output):
+        inputs.check(path, command.force)
 
 
 @contextmanager
@@ -165,12 +166,16 @@ def opened_parts(
         "split_bytes": command.split_bytes,
         "split_ns": None if split_s is None else round(split_s * NS_PER_SECOND),
     }
-    if command.output == STDOUT:
-        with open_output(STDOUT) as file:
-            yield LogParts(STDOUT, metadata, stream=file, **options)
+    if command.output == STDOUT or is_device(command.output):
+        with open_output(command.output) as file:
+            yield LogParts(command.output, metadata, stream=file, **options)
         return
     try:
-        yield LogParts(command.output, metadata, **options)
+        parts = LogParts(command.output, metadata, **options)
+        for path in existing_parts(command.output) if command.splits else ():
+            if path not in parts.paths:  # Of an earlier recording, which is overwritten.
+                path.unlink()
+        yield parts
     except OSError as error:
         if error.filename is None:
             raise CltError(f"{command.output}: {error.strerror or error}") from error
@@ -204,9 +209,10 @@ def record_sources(command: RecordCommand, console: Console) -> int:
             RecorderOptions(
                 command.duration_s,
                 command.count,
-                command.stall_s,
+                RecorderOptions.stall_s if command.stall_s is None else command.stall_s,
                 command.reconnect,
                 min_free,
+                splits=command.splits,
             ),
             clock,
             words=diagnostic_text,
@@ -237,6 +243,13 @@ def stop(recorder: Recorder, number: int) -> None:
 def record_again(command: RecordCommand, log: Path, console: Console) -> int:
     """Decode the raw bytes of a log again; returns the exit code."""
     command.check()
+    for option, given in {
+        "--stall": command.stall_s is not None,
+        "--no-reconnect": not command.reconnect,
+    }.items():
+        if given:
+            raise UsageError(f"{option} is about devices, --from reads a log; leave it out")
+    min_free = size_in_bytes("--min-free", command.min_free)
     inputs = Inputs.of(log, sources=command.sources, team=command.team)
     raw = read_raw_log(log)
     specs = override(raw.sources, given_sources(command, inputs))
@@ -247,24 +260,12 @@ def record_again(command: RecordCommand, log: Path, console: Console) -> int:
         inputs.digests(stream_digests([log])),
         **{SOURCES_KEY: store_sources(specs), START_KEY: str(first)},
     )
-    begin: int | None = None
-    last = 0
+    options = RecorderOptions(command.duration_s, command.count, min_free_bytes=min_free)
     with opened_parts(command, {"clt.run": run}) as parts:
-        intake = Intake(parts, specs, GrowingTeam(known_team(inputs)), first, command.count)
-        for event in raw.events():
-            last = event.log_time if isinstance(event, OldEvent) else event.chunk.host_ns
-            begin = last if begin is None else begin
-            if isinstance(event, OldEvent):
-                log_time = intake.log_time(last)
-                parts.write(parts.channel("/clt/log", LOG_TYPE), log_time, log_time, event.payload)
-            else:
-                intake.take(event.source, event.chunk)
-            if intake.full:
-                break
-        intake.finish()
-        parts.finish()
+        team = known_team(inputs)
+        intake = intake_again(replace(raw, sources=specs), parts, first, team, command.count)
+        elapsed = decode_again(raw, intake, parts, options, lambda found: console.report([found]))
     console.report_faults(raw.faults)
-    elapsed = (last - (last if begin is None else begin)) / NS_PER_SECOND
     return sum_up(command, console, intake, parts, elapsed)
 
 

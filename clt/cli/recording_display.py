@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 from clt.cli.console import Console
 from clt.cli.reports.record_report import size_text
 from clt.core.arrays import NS_PER_SECOND
-from clt.devices.recorder import SourceStatus, Status
+from clt.devices.recorder.status import SourceStatus, Status
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -89,7 +89,7 @@ class Rates:
     def take(self, status: Status) -> dict[str, float]:
         """The rates since the last look at least a second ago."""
         rates = {}
-        for name, tally, *_ in status.sources:
+        for name, tally, _ in status.sources:
             time, frames = self._before.get(name, (0.0, 0))
             elapsed = status.elapsed_s - time
             rates[name] = (tally.frames - frames) / elapsed if elapsed > 0.0 else 0.0
@@ -121,7 +121,7 @@ def source_text(source: SourceStatus, rate: float, now_ns: int) -> str:
     tally = source.tally
     return (
         f"{source.name} {rate:.0f} frames/s, {value_text(source)}, {tally.bad_frames} bad, "
-        f"{tally.skipped_bytes} bytes skipped, {source.lost} lost, {age_text(source, now_ns)}"
+        f"{tally.skipped_bytes} bytes skipped, {tally.lost} lost, {age_text(source, now_ns)}"
     )
 
 
@@ -140,7 +140,7 @@ def status_table(status: Status, rates: dict[str, float]) -> Table:
             value_text(one),
             str(tally.bad_frames),
             size_text(tally.skipped_bytes),
-            str(one.lost),
+            str(tally.lost),
             age_text(one, status.now_ns),
         )
     table.caption = (

@@ -15,7 +15,7 @@ from clt.core.settings import did_you_mean
 from clt.devices.decoders.names import is_id, is_robot_name, usual_id
 from clt.devices.decoders.options import parse_options
 from clt.devices.decoders.table import DecoderSpec, find_decoder
-from clt.devices.joining import JoinSettings
+from clt.devices.intake.joining import JoinSettings
 from clt.devices.sources.source import SourceUrl
 from clt.devices.sources.table import find_source
 from clt.devices.sources.url import STDIN_SCHEME, parse_url
@@ -50,6 +50,11 @@ class SourceSpec:
         if self.url.scheme == STDIN_SCHEME:
             return True
         return self.url.scheme in PASSING_SCHEMES and float(self.url.options.get("rate", "0")) != 1
+
+    @property
+    def live(self) -> bool:
+        """Its bytes come from a device, at whatever pace; not from a file or a pipe."""
+        return self.url.scheme not in {*PASSING_SCHEMES, STDIN_SCHEME}
 
     @property
     def pulled(self) -> bool:

@@ -32,7 +32,7 @@ def open_output(path: Path, force: bool = False, inputs: Sequence[Path] = ()) ->
             except OSError:
                 silence_stdout()
                 raise
-    elif _is_device(path):
+    elif is_device(path):
         with _naming_write_errors(path), path.open("wb") as file:
             yield file
     else:
@@ -91,7 +91,7 @@ def check_output(path: Path, force: bool = False, inputs: Sequence[Path] = ()) -
         raise CltError(f"{path}: is a directory; name a file in it")
     if any(_same(path, other) for other in inputs):
         raise CltError(f"{path}: is also an input; choose another output")
-    if path.exists() and not force and not _is_device(path):
+    if path.exists() and not force and not is_device(path):
         raise CltError(f"{path}: exists; use --force to overwrite it")
 
 
@@ -109,7 +109,7 @@ def silence_stdout() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _is_device(path: Path) -> bool:
+def is_device(path: Path) -> bool:
     """A device or a named pipe: written in place, never replaced."""
     return path.exists() and not path.is_file() and not path.is_dir()
 

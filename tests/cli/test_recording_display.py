@@ -12,18 +12,19 @@ from clt.cli.recording import size_in_bytes
 from clt.cli.recording_display import LineDisplay, Rates, age_text, status_table
 from clt.cli.reports.record_report import print_record_summary, size_text
 from clt.core.errors import UsageError
-from clt.devices.recorder import SourceStatus, Status
-from clt.devices.tally import Tally
+from clt.devices.intake.tally import Tally
+from clt.devices.recorder.status import SourceStatus, Status
 
 NOW = 1_700_000_000_000_000_000
 
 
 def status(elapsed, frames, connected=True):
     tally = Tally("rcl", bytes=2_500_000, frames=frames, bad_frames=3, arrived_ns=NOW - 400_000_000)
+    tally.lost = 407
     tally.last_value = ("range", "R1-R2", 3.21)
     sources = (
-        SourceStatus("uwb", tally, connected, 407),
-        SourceStatus("odo", Tally("vesc"), True, 0),
+        SourceStatus("uwb", tally, connected),
+        SourceStatus("odo", Tally("vesc"), True),
     )
     return Status(elapsed, 1_234_567, 0.25, NOW, sources)
 

@@ -43,9 +43,11 @@ def record(
         float, typer.Option(metavar="S", help="A crash loses so many seconds at most.")
     ] = 1.0,
     stall: Annotated[
-        float,
-        typer.Option(metavar="S", help="Connect again after so much silence; 0 never."),
-    ] = 5.0,
+        float | None,
+        typer.Option(
+            metavar="S", help="Connect again after so much silence; 0 never; by default 5."
+        ),
+    ] = None,
     no_reconnect: Annotated[
         bool, typer.Option("--no-reconnect", help="A device that is lost stays lost.")
     ] = False,

@@ -16,12 +16,20 @@ def nothing_decoded_text(found: Diagnostic) -> str:
 
 
 def unknown_ids_text(found: Diagnostic) -> str:
-    """Samples of nodes that a map lacks."""
-    counts = found.values["counts"]
-    ids = [f"{name} ({count})" for name, count in counts.items()]
+    """Samples of nodes that a map lacks, or that are too many."""
+    values = found.values
+    ids = [f"{name} ({count})" for name, count in values["counts"].items()]
+    named = first_few(ids, 5)
+    if values["more"] > 0:
+        named += f" and further ids ({values['more']})"
+    if values["mapped"]:
+        return (
+            f"source {found.subject}: its map lacks {named}; kept as raw bytes only, add them to "
+            "map="
+        )
     return (
-        f"source {found.subject}: its map lacks {first_few(ids, 5)}; kept as raw bytes only, add "
-        "them to map="
+        f"source {found.subject}: no robot for {named}; kept as raw bytes only, name the robots "
+        "with map="
     )
 
 
@@ -41,7 +49,10 @@ def lost_text(found: Diagnostic) -> str:
         ("undecoded_bytes", f"{values['undecoded_bytes']} bytes not decoded (see --from)"),
         ("reconnects", f"connected again {times_in_words(values['reconnects'])}"),
     ]
-    return f"source {found.subject}: " + ", ".join(text for key, text in words if values[key] > 0)
+    parts = [text for key, text in words if values[key] > 0]
+    if values["bad_frames"] > 0 and "line" in values:
+        parts.append(f"the first bad one is line {values['line']}: {values['text']}")
+    return f"source {found.subject}: " + ", ".join(parts)
 
 
 RECORDING_TEXTS: Texts = {
@@ -63,6 +74,8 @@ RECORDING_TEXTS: Texts = {
     "decoder_failed": "source {subject}: the decoder {proto} failed ({error}); its bytes are kept: "
     "repair or update it, then --from",
     "unknown_ids": unknown_ids_text,
+    "too_many_clocks": "source {subject}: more than {most} clocks; {count} samples are stamped as "
+    "if the device gave no time",
     "robots_named": named_text,
     "unknown_turns": "source {subject}: the turn rate of {count} samples is unknown: written as 0 "
     "with a variance that says so; steering comes by steer=SOURCE",

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TextIO
 
 from clt.core.printable import printable
-from clt.devices.tally import Tally
+from clt.devices.intake.tally import Tally
 
 
 def size_text(size: float) -> str:

@@ -21,6 +21,15 @@ class Counts:
     """Bytes in no frame that was understood."""
     frame_bytes: int = 0
     """Bytes of the frames that were understood, blanks between them included."""
+    unfinished_bytes: int = 0
+    """Bytes of the unfinished frame of a connection that ended; skipped once another begins."""
+    first_refused: tuple[int, bytes] | None = None
+    """Of text: number (from 1) and beginning of the first line that counts as a bad frame."""
+
+    def begin(self) -> None:
+        """More bytes come: what the connection before left unfinished stays so."""
+        self.skipped_bytes += self.unfinished_bytes
+        self.unfinished_bytes = 0
 
 
 class Decoder(Protocol):

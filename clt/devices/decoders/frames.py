@@ -45,12 +45,10 @@ class FrameDecoder:
         self.form = form
         self.counts = Counts()
         self._kept = b""
-        self._left_over = 0
-        """Bytes of the unfinished frame of a connection that ended."""
 
     @property
     def tail_bytes(self) -> int:
-        return len(self._kept) + self._left_over
+        return len(self._kept) + self.counts.unfinished_bytes
 
     def start(self) -> bytes:
         return self.form.start()
@@ -59,9 +57,7 @@ class FrameDecoder:
         return self.form.poll(now_s)
 
     def feed(self, data: bytes) -> Sequence[Sample]:
-        if self._left_over > 0:
-            self.counts.skipped_bytes += self._left_over
-            self._left_over = 0
+        self.counts.begin()
         found: list[Sample] = []
         data = self._kept + data
         self._kept = data[self._scan(data, found, ended=False) :]
@@ -71,7 +67,7 @@ class FrameDecoder:
         found: list[Sample] = []
         tail = len(self._kept) - self._scan(self._kept, found, ended=True)
         self._kept = b""
-        self._left_over += tail
+        self.counts.unfinished_bytes += tail
         self.form.reset()
         return found
 

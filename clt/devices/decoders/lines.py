@@ -12,6 +12,9 @@ from clt.devices.samples import Sample
 MAX_LINE_BYTES = 4096
 """Without its end; a longer line is skipped."""
 
+QUOTED_BYTES = 60
+"""Of a line that is refused, for whoever looks for it."""
+
 
 class Verdict(Enum):
     """What a line is that was not understood."""
@@ -53,12 +56,12 @@ class LineDecoder:
         self._kept = b""
         self._overlong = False
         """The line that is arriving is too long and skipped."""
-        self._left_over = 0
-        """Bytes of the unfinished line of a connection that ended."""
+        self._number = 0
+        """Of the latest line that ended."""
 
     @property
     def tail_bytes(self) -> int:
-        return len(self._kept) + self._left_over
+        return len(self._kept) + self.counts.unfinished_bytes
 
     def start(self) -> bytes:
         return self.form.start()
@@ -67,9 +70,7 @@ class LineDecoder:
         return self.form.poll(now_s)
 
     def feed(self, data: bytes) -> Sequence[Sample]:
-        if self._left_over > 0:
-            self.counts.skipped_bytes += self._left_over
-            self._left_over = 0
+        self.counts.begin()
         lines = (self._kept + data).split(b"\n")
         self._kept = lines.pop()
         found: list[Sample] = []
@@ -86,7 +87,7 @@ class LineDecoder:
         if len(self._kept) > 0:
             samples = self.form.parse(self._kept.rstrip(b"\r"), self.counts.frames)
             if isinstance(samples, Verdict):
-                self._left_over += len(self._kept)
+                self.counts.unfinished_bytes += len(self._kept)
             else:
                 found += samples
                 self.counts.frames += 1
@@ -99,6 +100,7 @@ class LineDecoder:
     def _take(self, line: bytes, found: list[Sample]) -> None:
         """A line that ended; its end counts as one byte."""
         counts, size = self.counts, len(line) + 1
+        self._number += 1
         if self._overlong or size > self._max + 1:
             self._overlong = False
             counts.skipped_bytes += size
@@ -112,8 +114,10 @@ class LineDecoder:
             counts.frame_bytes += size
             return
         if isinstance(samples, Verdict):
-            counts.bad_frames += samples is Verdict.REFUSED
             counts.skipped_bytes += size
+            if samples is Verdict.REFUSED:
+                counts.bad_frames += 1
+                counts.first_refused = counts.first_refused or (self._number, text[:QUOTED_BYTES])
             return
         found += samples
         counts.frames += 1

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import BinaryIO
 
 from clt.core.errors import UsageError
-from clt.devices.host_clock import HostClock
 from clt.devices.sources.pacing import Pace
 from clt.devices.sources.source import Chunk, DisconnectedError, Opening, SourceKind, SourceUrl
 from clt.devices.sources.url import MAX_RATE, check_options, check_target, number_option
+from clt.devices.stamping.host_clock import HostClock
 
 FILE_OPTIONS = {"rate": "0 as fast as possible (default), 1 at the device's own pace"}
 READ_BYTES = 1 << 16

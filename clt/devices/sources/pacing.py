@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from clt.core.arrays import NS_PER_SECOND
-from clt.devices.host_clock import HostClock
+from clt.devices.stamping.host_clock import HostClock
 
 LONGEST_GAP_S = 3600.0
 """A longer step of the device's time, or one backwards, is a device that began again."""

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from clt.core.errors import CltError
-from clt.devices.host_clock import HostClock
 from clt.devices.sources.source import Chunk, DisconnectedError, Opening, SourceKind, SourceUrl
 from clt.devices.sources.url import check_options, check_target, number_option
+from clt.devices.stamping.host_clock import HostClock
 
 SERIAL_OPTIONS = {"baud": "bits per second (115200)"}
 DEFAULT_BAUD = 115_200

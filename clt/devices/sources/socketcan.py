@@ -8,12 +8,12 @@ import sys
 from collections.abc import Sequence
 
 from clt.core.errors import UsageError
-from clt.devices.host_clock import HostClock
 from clt.devices.sources.can_frame import CAN_FRAME
 from clt.devices.sources.sockets import readable
 from clt.devices.sources.source import Chunk, DisconnectedError, Opening, SourceKind, SourceUrl
 from clt.devices.sources.udp import SO_RXQ_OVFL, SO_TIMESTAMPNS, ancillary
 from clt.devices.sources.url import check_options, check_target
+from clt.devices.stamping.host_clock import HostClock
 
 MAX_AT_ONCE = 256
 """Frames of one read."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
-from clt.devices.host_clock import HostClock
+from clt.devices.stamping.host_clock import HostClock
 
 
 class SourceUrl(NamedTuple):
@@ -30,6 +30,20 @@ class Chunk(NamedTuple):
     """Which of the source's streams, where it has several."""
 
 
+class Link(Protocol):
+    """Something that a device's requests can be sent to."""
+
+    def write(self, data: bytes) -> None:
+        """Send bytes to the device. Raises DisconnectedError."""
+
+
+class Joined(NamedTuple):
+    """A client came to a source that listens; its bytes will be this stream."""
+
+    link: Link
+    stream: int
+
+
 class DisconnectedError(Exception):
     """The connection was lost; the text says why."""
 
@@ -50,8 +64,8 @@ class Connection(Protocol):
     def lost(self) -> int:
         """Datagrams or frames that the system is known to have dropped."""
 
-    def read(self, timeout_s: float) -> Sequence[Chunk]:
-        """Wait for bytes at most so long; none where nothing came.
+    def read(self, timeout_s: float) -> Sequence[Chunk | Joined]:
+        """Wait for bytes (or clients) at most so long; none where nothing came.
 
         Raises DisconnectedError where the connection is lost and EOFError at the end of a file.
         """
@@ -88,5 +102,7 @@ class SourceKind:
     """At the start it is waited for a while, because the other side may start later."""
     waits: bool = False
     """It waits until its bytes are taken, so that none is ever lost."""
+    listens: bool = False
+    """Its streams are clients that come and go; there is none before the first one came."""
     options: Mapping[str, str] = field(default_factory=dict)
     """Keys behind `?` and what they mean."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 from collections.abc import Sequence
 
-from clt.devices.host_clock import HostClock
 from clt.devices.sources.sockets import check_address, readable
 from clt.devices.sources.source import (
     Chunk,
@@ -16,6 +15,7 @@ from clt.devices.sources.source import (
     SourceUrl,
 )
 from clt.devices.sources.url import host_and_port
+from clt.devices.stamping.host_clock import HostClock
 
 READ_BYTES = 1 << 16
 CONNECT_TIMEOUT_S = 3.0

@@ -5,13 +5,26 @@ from __future__ import annotations
 import socket
 from collections.abc import Sequence
 
-from clt.devices.host_clock import HostClock
 from clt.devices.sources.sockets import bound, check_address, readable
-from clt.devices.sources.source import Chunk, Opening, SourceKind, SourceUrl
+from clt.devices.sources.source import Chunk, Joined, Opening, SourceKind, SourceUrl
 from clt.devices.sources.tcp import READ_BYTES
+from clt.devices.stamping.host_clock import HostClock
 
 MAX_CLIENTS = 64
 """At one time; more wait until one leaves."""
+
+
+class TcpClient:
+    """The way back to one client."""
+
+    def __init__(self, client: socket.socket) -> None:
+        self._client = client
+
+    def write(self, data: bytes) -> None:
+        try:
+            self._client.sendall(data)
+        except OSError:  # It takes nothing, or has left, which is noticed when it is read.
+            return
 
 
 class TcpServer:
@@ -24,8 +37,8 @@ class TcpServer:
         self._server = bound(url, socket.SOCK_STREAM)
         self._server.listen()
 
-    def read(self, timeout_s: float) -> Sequence[Chunk]:
-        found: list[Chunk] = []
+    def read(self, timeout_s: float) -> Sequence[Chunk | Joined]:
+        found: list[Chunk | Joined] = []
         waiting = list(self._clients)
         if len(waiting) < MAX_CLIENTS:
             waiting.append(self._server)
@@ -37,7 +50,9 @@ class TcpServer:
                     continue
                 client.setblocking(False)
                 taken = set(self._clients.values())
-                self._clients[client] = min(set(range(1, MAX_CLIENTS + 1)) - taken)
+                number = min(set(range(1, MAX_CLIENTS + 1)) - taken)
+                self._clients[client] = number
+                found.append(Joined(TcpClient(client), number))
                 continue
             try:
                 data = one.recv(READ_BYTES)
@@ -52,12 +67,9 @@ class TcpServer:
         return found
 
     def write(self, data: bytes) -> None:
-        """Send to all clients; one that has left is noticed when it is read."""
+        """Send to all clients."""
         for client in tuple(self._clients):
-            try:
-                client.sendall(data)
-            except OSError:
-                continue
+            TcpClient(client).write(data)
 
     def close(self) -> None:
         for one in (*self._clients, self._server):
@@ -69,4 +81,4 @@ def open_tcp_listen(url: SourceUrl, opening: Opening) -> TcpServer:
     return TcpServer(url, opening.clock)
 
 
-TCP_LISTEN = SourceKind(open_tcp_listen, check_address)
+TCP_LISTEN = SourceKind(open_tcp_listen, check_address, listens=True)

@@ -13,10 +13,10 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from clt.core.arrays import NS_PER_SECOND
-from clt.devices.host_clock import HostClock
 from clt.devices.sources.sockets import bound, readable
 from clt.devices.sources.source import Chunk, DisconnectedError, Opening, SourceKind, SourceUrl
 from clt.devices.sources.url import check_options, host_and_port, number_option
+from clt.devices.stamping.host_clock import HostClock
 
 SO_TIMESTAMPNS = 35
 SO_RXQ_OVFL = 40

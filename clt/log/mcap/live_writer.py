@@ -101,6 +101,10 @@ class LiveWriter:
         self._size += MESSAGE_HEAD.size + size
         if self._size >= CHUNK_BYTES:
             self._close_chunk()
+        self.flush_if_due()
+
+    def flush_if_due(self) -> None:
+        """Flush where the last time is a period ago; for callers to whom messages come rarely."""
         if time.monotonic() - self._flushed >= self._flush_s:
             self.flush()
 

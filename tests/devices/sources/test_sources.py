@@ -13,11 +13,11 @@ from contextlib import suppress
 import pytest
 
 from clt.core.errors import CltError, UsageError
-from clt.devices.host_clock import HostClock, SystemTime
 from clt.devices.sources import serial_port, table
 from clt.devices.sources.source import DisconnectedError, Opening, SourceKind
 from clt.devices.sources.table import SOURCES, find_source
 from clt.devices.sources.url import parse_url
+from clt.devices.stamping.host_clock import HostClock, SystemTime
 from tests.devices.clocks import FakeTime
 
 

@@ -5,13 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import cos, isfinite, isnan, nan, sin
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from clt.core.recording import Robot
-from clt.devices.decoders.names import name_without_map
-from clt.devices.decoders.table import find_decoder
-from clt.devices.joining import SteeringTable
-from clt.devices.messages import (
+from clt.devices.decoders.names import IdForm, name_without_map
+from clt.devices.intake.dead_reckoning import DeadReckoning
+from clt.devices.intake.joining import SteeringTable
+from clt.devices.intake.tally import Tally
+from clt.devices.intake.team import GrowingTeam
+from clt.devices.samples import (
+    ImuSample,
+    OdometrySample,
+    PacketSample,
+    PoseSample,
+    RangeSample,
+    SteeringSample,
+)
+from clt.devices.source_spec import SourceSpec
+from clt.devices.stamping.stamping import Stamped
+from clt.devices.storage.message_sink import MessageSink
+from clt.devices.storage.messages import (
     IMU_TYPE,
     NO_NEIGHBOURS,
     NS,
@@ -22,30 +35,14 @@ from clt.devices.messages import (
     odometry_template,
     pose_template,
 )
-from clt.devices.samples import (
-    ImuSample,
-    OdometrySample,
-    PacketSample,
-    PoseSample,
-    RangeSample,
-    Sample,
-    SteeringSample,
-)
-from clt.devices.source_spec import SourceSpec
-from clt.devices.tally import Tally
-from clt.devices.team import GrowingTeam
 from clt.log.cdr.template import MessageTemplate
 from clt.log.cdr.writer import ENCAPSULATION_HEADER
 from clt.log.recording.channels import ODOMETRY_TYPE, POSE_TYPE, RANGE_TYPE
 from clt.log.recording.convert import ROS_TIME_END_NS
-from clt.log.recording.metadata import TEAM_RECORD, encode_team
 from clt.log.recording.packets import MAX_NEIGHBOURS, UWB_FRAME_TYPE
 
-if TYPE_CHECKING:
-    from clt.devices.intake import MessageSink
-
-MAX_UNKNOWN_IDS = 64
-"""Ids that are counted one by one."""
+MAX_PAIRS = 1 << 14
+"""Pairs whose channels are kept at hand."""
 NO_COVARIANCE = (0.0,) * 35
 
 
@@ -60,53 +57,27 @@ class RangeEnds(NamedTuple):
 
 
 @dataclass
-class DeadReckoning:
-    """Pose of one robot from its odometry since the start, and where that is written."""
-
-    channel: int
-    template: MessageTemplate
-    x: float = 0.0
-    y: float = 0.0
-    heading: float = 0.0
-    stamp: int | None = None
-
-    def advance(self, stamp: int, v: float, omega: float) -> None:
-        """An arc of constant twist up to `stamp` (ns)."""
-        if self.stamp is not None and stamp > self.stamp:
-            step = (stamp - self.stamp) * 1e-9
-            half = omega * step / 2
-            chord = v * step * (sin(half) / half if half != 0.0 else 1.0)
-            self.x += chord * cos(self.heading + half)
-            self.y += chord * sin(self.heading + half)
-            self.heading += 2 * half
-        self.stamp = stamp
-
-
-def write_team(sink: MessageSink, team: GrowingTeam) -> None:
-    """The robots so far; the latest such record of a log holds."""
-    team.changed = False
-    sink.metadata(TEAM_RECORD, encode_team(team.team()))
-
-
-@dataclass
 class SampleWriter:
     """Writes the samples of one stream of a source."""
 
     sink: MessageSink
     spec: SourceSpec
+    form: IdForm
+    """How the decoder names robots."""
     tally: Tally
     team: GrowingTeam
     steering: SteeringTable
-    pairs: dict[tuple[str, str], RangeEnds | None] = field(default_factory=dict)
+    pairs: dict[tuple[str, str], RangeEnds] = field(default_factory=dict)
     counters: dict[str, list[int]] = field(default_factory=dict)
+    """Next sequence number of each robot."""
     reckonings: dict[str, DeadReckoning] = field(default_factory=dict)
     inertial: dict[str, tuple[int, MessageTemplate]] = field(default_factory=dict)
     """Channel and payload of each device that sends inertial readings."""
 
-    def write(self, samples: Sequence[Sample], stamps: Sequence[int], log_time: int) -> int:
+    def write(self, stamped: Sequence[Stamped], log_time: int) -> int:
         """Write messages of samples; returns how many. Those without sense count as bad frames."""
         tally, written = self.tally, 0
-        for sample, stamp in zip(samples, stamps, strict=True):
+        for sample, stamp in stamped:
             if not 0 <= stamp < ROS_TIME_END_NS:
                 tally.bad_frames += 1
                 continue
@@ -116,19 +87,17 @@ class SampleWriter:
                 if tally.first_stamp_ns is None:
                     tally.first_stamp_ns = stamp
                 tally.last_stamp_ns = stamp
-            if self.team.changed:
-                write_team(self.sink, self.team)
         tally.samples += written
         return written
 
     def _robot(self, device_id: str) -> Robot | None:
-        """The robot of a device's id, as it is now; None for one that the map lacks."""
+        """The robot of a device's id, as it is now; None for one that has none."""
         name = self._name(device_id)
         robot = None if name is None else self.team.robot(name, device_id)
         if robot is None:
-            unknown = self.tally.unknown_ids
-            if device_id in unknown or len(unknown) < MAX_UNKNOWN_IDS:
-                unknown[device_id] = unknown.get(device_id, 0) + 1
+            self.tally.note_unknown(device_id)
+        elif self.spec.robots is None and robot.name != device_id:
+            self.tally.named[device_id] = robot.name
         return robot
 
     def _name(self, device_id: str) -> str | None:
@@ -136,19 +105,13 @@ class SampleWriter:
             return device_id
         if self.spec.robots is not None:
             return self.spec.robots.get(device_id)
-        form = find_decoder(self.spec.proto, self.spec.name).ids
-        name = name_without_map(form, device_id)
-        if name is not None and name != device_id:
-            self.tally.named[device_id] = name
-        return name
+        return name_without_map(self.form, device_id)
 
     def range(self, sample: RangeSample, stamp: int, log_time: int) -> bool:
         """Write a range; False where no robot is known for an end."""
         key = (sample.source, sample.target)
-        ends = self.pairs[key] if key in self.pairs else self._new_pair(key)
+        ends = self.pairs.get(key) or self._new_pair(key)
         if ends is None:
-            for one in key:
-                self._robot(one)
             return False
         distance, raw = sample.distance, sample.raw_distance
         if not (isfinite(distance) and isfinite(raw)):
@@ -175,15 +138,14 @@ class SampleWriter:
         return True
 
     def _new_pair(self, key: tuple[str, str]) -> RangeEnds | None:
-        source, target = self._name(key[0]), self._name(key[1])
-        ends = None
-        if source is not None and target is not None and source != target:
-            one, other = self.team.robot(source, key[0]), self.team.robot(target, key[1])
-            if one is not None and other is not None:
-                channel = self.sink.channel(f"/{source}/uwb/range", RANGE_TYPE)
-                counter = self.counters.setdefault(source, [0])
-                ends = RangeEnds(channel, one.id, other.id, counter)
-        self.pairs[key] = ends
+        source, target = self._robot(key[0]), self._robot(key[1])
+        if source is None or target is None or source.name == target.name:
+            return None
+        if len(self.pairs) >= MAX_PAIRS:
+            self.pairs.clear()
+        channel = self.sink.channel(f"/{source.name}/uwb/range", RANGE_TYPE)
+        counter = self.counters.setdefault(source.name, [0])
+        ends = self.pairs[key] = RangeEnds(channel, source.id, target.id, counter)
         return ends
 
     def imu(self, sample: ImuSample, stamp: int, log_time: int) -> bool:
@@ -219,13 +181,7 @@ class SampleWriter:
         if not (isfinite(v) and isfinite(omega)):
             self.tally.bad_frames += 1
             return False
-        one = self.reckonings.get(robot.name)
-        if one is None:
-            channel = self.sink.channel(f"/{robot.name}/odom", ODOMETRY_TYPE)
-            one = self.reckonings[robot.name] = DeadReckoning(
-                channel, odometry_template(robot.name)
-            )
-            self.team.moves(robot.name)
+        one = self.reckoning(robot)
         one.advance(stamp, v, omega)
         payload = one.template.pack(
             stamp // NS,
@@ -242,6 +198,16 @@ class SampleWriter:
         self.sink.write(one.channel, log_time, stamp, payload)
         self.tally.last_value = ("odometry", robot.name, v)
         return True
+
+    def reckoning(self, robot: Robot) -> DeadReckoning:
+        """The dead reckoning of a robot, which moves, as it has odometry."""
+        one = self.reckonings.get(robot.name)
+        if one is None:
+            channel = self.sink.channel(f"/{robot.name}/odom", ODOMETRY_TYPE)
+            one = DeadReckoning(channel, odometry_template(robot.name))
+            self.reckonings[robot.name] = one
+            self.team.moves(robot.name)
+        return one
 
     def packet(self, sample: PacketSample, stamp: int, log_time: int) -> bool:
         """Write a packet with raw stamps; False where no robot is known."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from clt.devices.summary import summary_diagnostics
-from clt.devices.tally import Tally
+from clt.devices.intake.summary import summary_diagnostics
+from clt.devices.intake.tally import Tally
 
 
 @pytest.mark.parametrize(("samples", "severity"), [(0, "partial"), (5, "warning")])

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import errno
 import os
+from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
 
 from clt.core.errors import CltError
-from clt.devices import log_parts
-from clt.devices.log_parts import LogParts, free_bytes
-from clt.devices.whole_file import WholeFile
+from clt.devices.storage import log_parts
+from clt.devices.storage.log_parts import LogParts, existing_parts, free_bytes
+from clt.devices.storage.whole_file import WholeFile
 from clt.log.mcap.live_writer import DiskFullError
 
 RANGE = "clt_msgs/msg/Range"
@@ -84,6 +85,8 @@ def test_a_part_begins_after_its_time_and_repeats_what_readers_need(tmp_path):
     one = parts.channel("/R1/uwb/range", RANGE)
     parts.metadata("clt.team", {"robots": "1"})
     for time in range(0, 301, 10):
+        if parts.is_part_due(time):
+            parts.next_part(time, "clt.carried", {"at": str(time)})
         parts.write(one, time, time, bytes(52))
     other = parts.channel("/R2/uwb/range", RANGE)
     parts.write(other, 305, 305, bytes(52))
@@ -93,7 +96,7 @@ def test_a_part_begins_after_its_time_and_repeats_what_readers_need(tmp_path):
     with parts.paths[2].open("rb") as file:
         reader = make_reader(file)
         assert {record.name: record.metadata for record in reader.iter_metadata()} == {
-            "clt.run": {"a": "b"}, "clt.team": {"robots": "1"},
+            "clt.carried": {"at": "200"}, "clt.run": {"a": "b"}, "clt.team": {"robots": "1"},
         }  # fmt: skip
     assert parts.size == sum(path.stat().st_size for path in parts.paths)
 
@@ -109,6 +112,8 @@ def test_a_log_that_exists_or_has_no_folder(tmp_path):
 def test_the_room_on_a_disk(tmp_path):
     assert free_bytes(tmp_path / "o.mcap") > 0
     assert free_bytes(tmp_path / "none" / "o.mcap") is None
+    assert free_bytes(Path("/dev/null")) is None
+    assert free_bytes(Path("-")) is None
 
 
 class SharedDisk(WholeFile):
@@ -161,6 +166,8 @@ def test_a_disk_that_is_full_when_a_part_begins(tmp_path, monkeypatch, room):
 
     def write_on():
         for time in range(100, 10_000, 10):
+            if parts.is_part_due(time):
+                parts.next_part(time, "clt.carried", {})
             parts.write(channel, time, time, os.urandom(52))
             parts.flush()
 
@@ -180,6 +187,36 @@ def test_a_part_that_cannot_begin_ends_the_one_before(tmp_path):
     parts.write(channel, 0, 0, bytes(52))
     (tmp_path / "o_001.mcap").write_bytes(b"mine")
     with pytest.raises(CltError, match="exists"):
-        parts.write(channel, 100, 100, bytes(52))
+        parts.next_part(100, "clt.carried", {})
     assert count(tmp_path / "o_000.mcap") == 1
     assert (tmp_path / "o_001.mcap").read_bytes() == b"mine"
+
+
+def test_a_part_holds_more_than_its_beginning(tmp_path):
+    """However small parts are asked to be, half of what is written is messages."""
+    parts = LogParts(tmp_path / "o.mcap", {"clt.run": {"a": "b" * 3000}}, split_bytes=1)
+    channel = parts.channel("/R1/uwb/range", RANGE)
+    for time in range(2000):
+        if parts.is_part_due(time):
+            parts.next_part(time, "clt.carried", {})
+        parts.write(channel, time, time, os.urandom(52))
+    parts.finish()
+    counts = [count(path) for path in parts.paths]
+    assert sum(counts) == 2000
+    assert 2 <= len(counts) <= 60
+
+
+def test_the_parts_of_a_name(tmp_path):
+    for name in (
+        "o_000.mcap",
+        "o_001.mcap",
+        "o_1000.mcap",
+        "o_01.mcap",
+        "o_2026-01.mcap",
+        "o.mcap",
+    ):
+        (tmp_path / name).write_bytes(b"")
+    (tmp_path / "o_002.csv").write_bytes(b"")
+    found = [path.name for path in existing_parts(tmp_path / "o.mcap")]
+    assert found == ["o_000.mcap", "o_001.mcap", "o_1000.mcap"]
+    assert existing_parts(tmp_path / "none" / "o.mcap") == []

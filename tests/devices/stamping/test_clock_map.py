@@ -6,10 +6,10 @@ import random
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from clt.devices.clock_map import MAX_RATE, WINDOWS, ClockMap, lower_line
+from clt.devices.stamping.clock_map import MAX_RATE, NS, WINDOWS, ClockMap, lower_line
 
 MS = 1_000_000
 SECOND = 1_000_000_000
@@ -29,6 +29,7 @@ def run(seconds, *, rate=0.0, period=20 * MS, delay=lambda _: 0, offset=7 * SECO
     return clock, rows
 
 
+@settings(suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.lists(
         st.tuples(st.integers(0, 10**9), st.integers(-(10**7), 10**7)), min_size=1, max_size=30
@@ -134,3 +135,27 @@ def test_memory_is_bounded_and_the_segments_give_the_stamps():
     device, _, stamp, _ = rows[-1]
     last = segments[-1]
     assert last.host + (device - last.device) * (1 + last.rate) == pytest.approx(stamp, abs=2)
+
+
+def test_a_device_that_began_again_within_one_read_began_again_once():
+    """What it said before belongs to the map before: nothing is stamped with a time to come."""
+    one, host = ClockMap(), 200 * NS
+    one.stamps([99 * NS, 100 * NS], host)
+    before = [100 * NS + k * NS // 100 for k in range(20)]
+    after = [k * NS // 100 for k in range(20)]
+    found = one.stamps(before + after, host + 2 * NS)
+    assert max(found) <= host + 2 * NS
+    assert found[:20] == [host + k * NS // 100 for k in range(20)]
+    for k in range(20, 60):
+        arrival = host + 2 * NS + (k - 19) * NS // 100
+        assert one.stamps([k * NS // 100], arrival) == [arrival]
+    assert one.restarts == 1
+
+
+def test_a_clock_that_leaps_ahead_of_the_host_began_again():
+    one = ClockMap()
+    for k in range(10):
+        one.stamps([k * NS // 100], k * NS // 100)
+    for k in range(10, 20):
+        one.stamps([50 * NS + k * NS // 100], k * NS // 100)
+    assert one.restarts == 1

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+MAX_UNKNOWN_IDS = 64
+"""Ids that are counted one by one."""
+
 
 @dataclass
 class Tally:
@@ -37,13 +40,31 @@ class Tally:
     arrived_ns: int | None = None
     """When bytes came last."""
     first_arrival_ns: int | None = None
+    live: bool = False
+    """Its bytes come from a device, not from a file or a pipe."""
+    mapped: bool = False
+    """A map names its robots."""
     unknown_ids: dict[str, int] = field(default_factory=dict)
-    """Samples of ids that the map lacks."""
+    """Samples of ids without a robot: the map lacks them, or there are too many. The first
+    MAX_UNKNOWN_IDS of them."""
+    more_unknown: int = 0
+    """Samples of all further such ids."""
     named: dict[str, str] = field(default_factory=dict)
     """From ids to names that no map gave."""
+    clockless: int = 0
+    """Samples whose clock found no room among all that the device named."""
+    first_bad_line: tuple[int, str] | None = None
+    """Of text: number (from 1) and beginning of the first line that was refused."""
     decoder_error: str = ""
     """What its decoder raised last, which no decoder should."""
     unknown_turns: int = 0
     """Odometry samples whose turn rate nobody knows."""
     last_value: tuple[str, str, float] | None = None
     """What came last: kind, whose, value (SI units)."""
+
+    def note_unknown(self, device_id: str) -> None:
+        """Count a sample of an id that has no robot."""
+        if device_id in self.unknown_ids or len(self.unknown_ids) < MAX_UNKNOWN_IDS:
+            self.unknown_ids[device_id] = self.unknown_ids.get(device_id, 0) + 1
+        else:
+            self.more_unknown += 1

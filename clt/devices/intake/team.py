@@ -23,6 +23,9 @@ TEAM_KEYS = ("static", "position", "antenna", "id", "twist", "sigma_v", "sigma_o
 MAX_ID = (1 << 16) - 1
 MAX_ROBOTS = 1 << 12
 MAX_COORDINATE = 1e9
+SMALL_TEAM = 64
+SHARE_CHANGED = 8
+"""One in so many robots of a larger team."""
 
 
 class GrowingTeam:
@@ -31,7 +34,7 @@ class GrowingTeam:
     def __init__(self, known: Team | None = None) -> None:
         self._given = {} if known is None else {robot.name: robot for robot in known.robots}
         self._robots = dict(self._given)
-        self.changed = True
+        self._changes = 1
         """Since it was written last."""
 
     def robot(self, name: str, device_id: str) -> Robot | None:
@@ -40,7 +43,7 @@ class GrowingTeam:
         if found is None and len(self._robots) < MAX_ROBOTS:
             number = self._free_id(name, device_id)
             found = self._robots[name] = Robot(name, number, static=True)
-            self.changed = True
+            self._changes += 1
         return found
 
     def moves(self, name: str) -> None:
@@ -48,7 +51,32 @@ class GrowingTeam:
         robot = self._robots.get(name)
         if robot is not None and robot.static and name not in self._given:
             self._robots[name] = replace(robot, static=False)
-            self.changed = True
+            self._changes += 1
+
+    @property
+    def changed(self) -> bool:
+        """Since it was written last."""
+        return self._changes > 0
+
+    @property
+    def is_due(self) -> bool:
+        """Whether it is to be written: after every change, a large one after many.
+
+        So that a device that invents names cannot make a log grow as their square.
+        """
+        return self.changed and (
+            len(self._robots) <= SMALL_TEAM or self._changes * SHARE_CHANGED >= len(self._robots)
+        )
+
+    def written(self) -> Team:
+        """All robots, as they are written now."""
+        self._changes = 0
+        return self.team()
+
+    def join(self, robot: Robot) -> None:
+        """A robot of the log that this one goes on from; what the team file says of it holds."""
+        if robot.name not in self._robots and len(self._robots) < MAX_ROBOTS:
+            self._robots[robot.name] = robot
 
     def team(self) -> Team:
         """All robots, those of the team file first, the others in the order of their names."""

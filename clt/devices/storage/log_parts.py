@@ -1,23 +1,33 @@
 """The log that a recording goes to, perhaps in parts: each is a log of its own.
 
-A part is opened before the one before it is ended; it repeats all channels and metadata.
+A part is opened before the one before it is ended; it repeats all channels and metadata. Whoever
+writes says when a part may end: where the bytes of a part and all that was made of them are in it.
 """
 
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from clt.core.errors import CltError
-from clt.devices.whole_file import WholeFile
+from clt.devices.storage.whole_file import WholeFile
 from clt.log.mcap.live_writer import FULL, DiskFullError, LiveWriter
+from clt.log.output import STDOUT
 
 
 def part_path(path: Path, number: int) -> Path:
     """`run.mcap`, part 3: `run_003.mcap`."""
     return path.with_name(f"{path.stem}_{number:03d}{path.suffix}")
+
+
+def existing_parts(path: Path) -> list[Path]:
+    """The parts that a log of that name has on the disk, in order."""
+    name = re.compile(re.escape(path.stem) + r"_\d{3,}" + re.escape(path.suffix))
+    found = path.parent.iterdir() if path.parent.is_dir() else ()
+    return sorted(one for one in found if name.fullmatch(one.name) is not None)
 
 
 class LogParts:
@@ -43,11 +53,14 @@ class LogParts:
         self._split_ns = split_ns
         self._splits = split_bytes is not None or split_ns is not None
         self._stream = stream
+        self._first_size = 0
+        """Of a part before its first message, bytes."""
         self._channels: dict[tuple[str, str], int] = {}
         self._began_ns: int | None = None
         self._earlier_bytes = 0
         self.paths: list[Path] = []
-        self._file, self._writer = self._open()
+        self._file, self._writer = self._open(self._metadata)
+        self._first_size = self._writer.size
 
     @property
     def size(self) -> int:
@@ -65,13 +78,17 @@ class LogParts:
         self._writer.metadata(name, record)
 
     def write(self, channel: int, log_time: int, publish_time: int, payload: bytes) -> None:
-        if self._splits and self._is_due(log_time):
-            self._next(log_time)
+        if self._began_ns is None:
+            self._began_ns = log_time
         self._writer.write(channel, log_time, publish_time, payload)
 
     def flush(self) -> None:
         """Let everything reach the file."""
         self._writer.flush()
+
+    def flush_if_due(self) -> None:
+        """Let it, where the period of flushes is over."""
+        self._writer.flush_if_due()
 
     def finish(self) -> None:
         """End the log properly. Raises DiskFullError where its end had to be given up."""
@@ -84,25 +101,28 @@ class LogParts:
         """After DiskFullError, which ended the log already."""
         self._close()
 
-    def _is_due(self, log_time: int) -> bool:
-        if self._split_bytes is not None and self._writer.expected_size >= self._split_bytes:
+    def is_part_due(self, log_time: int) -> bool:
+        """Whether the part has reached its size or duration; `log_time` in ns.
+
+        It is never due before it holds as much as its beginning takes, or anything at all.
+        """
+        began, written = self._began_ns, self._writer.expected_size
+        if began is None:
+            return False
+        if self._split_ns is not None and log_time - began >= self._split_ns:
             return True
-        if self._began_ns is None:
-            self._began_ns = log_time
-        began = self._began_ns
-        return (
-            self._split_ns is not None
-            and began is not None
-            and (log_time - began >= self._split_ns)
+        return self._split_bytes is not None and written >= max(
+            self._split_bytes, 2 * self._first_size
         )
 
-    def _next(self, log_time: int) -> None:
-        """Go on in a new part."""
+    def next_part(self, log_time: int, name: str, record: Mapping[str, str]) -> None:
+        """Go on in a new part; its first metadata record is this one. Raises DiskFullError."""
         file, writer, count = self._file, self._writer, len(self.paths)
         try:
-            self._file, self._writer = self._open()
+            self._file, self._writer = self._open({name: dict(record), **self._metadata})
             for topic, schema in self._channels:
                 self._writer.channel(topic, schema)
+            self._first_size = self._writer.size
         except (OSError, CltError):  # The part before is ended in order, and the recording with it.
             if len(self.paths) > count:
                 self._drop_part()
@@ -127,10 +147,10 @@ class LogParts:
         self._close()
         self.paths.pop().unlink(missing_ok=True)
 
-    def _open(self) -> tuple[Any, LiveWriter]:
+    def _open(self, metadata: Mapping[str, Mapping[str, str]]) -> tuple[Any, LiveWriter]:
         if self._stream is not None:
             self.paths.append(self._path)
-            return self._stream, LiveWriter(self._stream, self._metadata, self._flush_s)
+            return self._stream, LiveWriter(self._stream, metadata, self._flush_s)
         path = part_path(self._path, len(self.paths)) if self._splits else self._path
         try:
             file: Any = WholeFile(path, force=self._force)
@@ -141,7 +161,7 @@ class LogParts:
                 raise DiskFullError(error.errno, error.strerror, str(path)) from None
             raise CltError(f"{path}: {error.strerror or error}") from None
         try:
-            writer = LiveWriter(file, self._metadata, self._flush_s)
+            writer = LiveWriter(file, metadata, self._flush_s)
         except OSError as error:  # Not even its beginning finds room.
             file.close()
             path.unlink(missing_ok=True)
@@ -155,7 +175,9 @@ class LogParts:
 
 
 def free_bytes(path: Path) -> int | None:
-    """Room on the disk of a file; None where nobody knows."""
+    """Room on the disk of a file; None where nobody knows, and for what is no file on a disk."""
+    if path == STDOUT or (path.exists() and not path.is_file()):
+        return None
     try:
         found = os.statvfs(path.resolve().parent)
     except (OSError, AttributeError):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clt.devices import messages
+from clt.devices.storage import messages
 from clt.log.cdr.template import MessageTemplate
 from clt.log.cdr.writer import ENCAPSULATION_HEADER, payload_layout
 

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 from clt.core.errors import LogError
 from clt.core.recording import Fault
-from clt.devices.messages import LOG_TYPE, RAW_HEAD, RAW_TYPE
 from clt.devices.source_spec import SourceSpec, sources_of_log
 from clt.devices.sources.source import Chunk
+from clt.devices.storage.messages import LOG_TYPE, RAW_HEAD, RAW_TYPE
 from clt.log.mcap.definitions import summary_definitions
 from clt.log.mcap.records import Metadata
 from clt.log.mcap.scan import Channel, McapScan
 from clt.log.mcap.table import Messages
-from clt.log.recording.metadata import RUN_RECORD
+from clt.log.recording.metadata import RUN_RECORD, TEAM_RECORD
 
+CARRIED_RECORD = "clt.carried"
+"""Of a part: what the part before it left, by source (`clt.devices.intake.carried`)."""
+LOSSES_RECORD = "clt.losses"
+"""What was lost of every source so far; the first one of a part is as that part began."""
 SOURCES_KEY = "sources"
 START_KEY = "start_ns"
 """Keys of the record `clt.run` of a recorded log."""
@@ -45,6 +49,12 @@ class RawLog:
     path: Path
     sources: list[SourceSpec]
     start_ns: int
+    carried: Mapping[str, str] | None = None
+    """Of a part that another one came before: its record of what that one left."""
+    team: Mapping[str, str] = field(default_factory=dict)
+    """First record of the robots."""
+    losses: list[Mapping[str, str]] = field(default_factory=list)
+    """Records of losses, as they went on; complete after `events`."""
     faults: tuple[Fault, ...] = ()
     sha256: str = ""
 
@@ -62,22 +72,33 @@ class RawLog:
                             known[event.number] = place
                     case Messages():
                         yield from _wanted(event, known)
+                    case Metadata() if event.name == LOSSES_RECORD:
+                        self.losses.append(event.record)
             self.faults = scan.faults.all()
             self.sha256 = scan.sha256()
 
 
 def read_raw_log(path: Path) -> RawLog:
     """What a log says of its sources. Raises LogError for one that `clt record` did not write."""
+    records: dict[str, Mapping[str, str]] = {}
     try:
         with path.open("rb", buffering=0) as file:
             for event in McapScan(file, str(path), summary_definitions(file)):
-                if isinstance(event, Metadata) and event.name == RUN_RECORD:
-                    record = event.record
-                    if SOURCES_KEY in record and record.get(START_KEY, "").isdigit():
-                        sources = sources_of_log(record[SOURCES_KEY], str(path))
-                        return RawLog(path, sources, int(record[START_KEY]))
+                if isinstance(event, Metadata):
+                    records.setdefault(event.name, event.record)
+                if isinstance(event, Messages) and RUN_RECORD in records:
+                    break
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from None
+    run = records.get(RUN_RECORD, {})
+    if SOURCES_KEY in run and run.get(START_KEY, "").isdigit():
+        return RawLog(
+            path,
+            sources_of_log(run[SOURCES_KEY], str(path)),
+            int(run[START_KEY]),
+            records.get(CARRIED_RECORD),
+            records.get(TEAM_RECORD, {}),
+        )
     raise LogError(f"{path}: stores no sources; --from takes logs that clt record wrote")
 
 

@@ -4,24 +4,29 @@ from __future__ import annotations
 
 import json
 import struct
+import time
+from contextlib import suppress
 from math import tan
 
 import pytest
 from mcap.reader import make_reader
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
 
 from clt.cli.messages.render import diagnostic_text
-from clt.devices import recorder as module
 from clt.devices.decoders.lines import LineDecoder
-from clt.devices.host_clock import HostClock, SystemTime
-from clt.devices.inbox import Inbox, Opened
-from clt.devices.intake import Intake
-from clt.devices.log_parts import LogParts
-from clt.devices.recorder import Recorder, RecorderOptions
+from clt.devices.intake.intake import Intake
+from clt.devices.intake.summary import summary_diagnostics
+from clt.devices.intake.team import GrowingTeam
+from clt.devices.recorder import recorder as module
+from clt.devices.recorder.inbox import Dropped, Inbox, Opened
+from clt.devices.recorder.recorder import Recorder
+from clt.devices.recorder.status import RecorderOptions
 from clt.devices.source_spec import parse_source
-from clt.devices.sources.source import Chunk, DisconnectedError, SourceKind
+from clt.devices.sources.source import Chunk, DisconnectedError, Joined, SourceKind
 from clt.devices.sources.table import SOURCES
-from clt.devices.summary import summary_diagnostics
-from clt.devices.team import GrowingTeam
+from clt.devices.stamping.host_clock import HostClock, SystemTime
+from clt.devices.storage.log_parts import LogParts
 from clt.log.recording.load import load
 from tests.devices.clocks import FakeTime
 from tests.devices.streams import range_line
@@ -53,6 +58,8 @@ class Script:
             raise step
         if callable(step):
             step = step()
+        if isinstance(step, Chunk | Joined):
+            return [step]
         if step is None:
             self.clock.host.sleep(timeout_s)
             return []
@@ -69,10 +76,21 @@ class Script:
 def record(tmp_path, monkeypatch):
     """Record scripts until they end; the recorder's findings, tallies and messages."""
 
-    def run(*scripts, options=None, host=None, inbox=None, waits=False, words="proto=ndjson"):
+    def run(
+        *scripts,
+        options=None,
+        host=None,
+        inbox=None,
+        waits=False,
+        words="proto=ndjson",
+        flush_s=1.0,
+        listens=False,
+    ):
         specs = []
         for number, script in enumerate(scripts):
-            kind = SourceKind(script.open, lambda _: None, reconnects=True, waits=waits)
+            kind = SourceKind(
+                script.open, lambda _: None, reconnects=True, waits=waits, listens=listens
+            )
             monkeypatch.setitem(SOURCES, f"s{number}", kind)
             specs.append(parse_source(f"x{number}=s{number}:here,{words}"))
         clock = HostClock(host or SystemTime())
@@ -89,7 +107,7 @@ def record(tmp_path, monkeypatch):
         for script in scripts:
             script.recorder = recorder
         recorder.open()
-        parts = LogParts(tmp_path / "o.mcap", {"clt.run": {}}, force=True)
+        parts = LogParts(tmp_path / "o.mcap", {"clt.run": {}}, force=True, flush_s=flush_s)
         intake = Intake(parts, specs, GrowingTeam(), clock.now_ns())
         recorder.run(intake, parts)
         with (tmp_path / "o.mcap").open("rb") as file:
@@ -167,7 +185,7 @@ def test_what_finds_no_room_is_counted(record):
     assert tally.lost == 19
     assert tally.frames == 1
     assert ("bytes_dropped", "x0") in kinds(events)
-    assert raw(found).count(b"") == 19
+    assert raw(found) == [lines[0], b""]
 
 
 def test_decoding_is_given_up_before_bytes_are(record):
@@ -446,3 +464,116 @@ def test_a_datagram_of_one_object_needs_no_end_of_line(tmp_path):
     parts.finish()
     tally = intake.tallies["net"]
     assert (tally.frames, tally.bad_frames, tally.bytes) == (6, 0, sum(map(len, pieces)))
+
+
+def counted_messages(path):
+    """Messages of the chunks that reached the file."""
+    found = 0
+    with path.open("rb") as file, suppress(Exception):
+        for record in StreamReader(file).records:
+            found += isinstance(record, Message)
+    return found
+
+
+@pytest.mark.parametrize(("flush_s", "kept"), [(0.05, True), (60.0, False)])
+def test_a_flush_comes_when_it_is_due_and_not_before(record, tmp_path, flush_s, kept):
+    """Though a single message is all that comes, and seconds of the recorder's clock go by."""
+    seen = []
+
+    def wait():
+        end = time.monotonic() + 0.4
+        while time.monotonic() < end and not (seen and seen[-1] > 0):
+            time.sleep(0.02)
+            seen.append(counted_messages(tmp_path / "o.mcap"))
+
+    script = Script(range_line(0.0), *[None] * 40, wait)
+    record(script, host=FakeTime(), flush_s=flush_s)
+    assert (seen[-1] > 0) == kept
+
+
+def test_what_was_taken_from_a_pipe_is_kept_at_the_stop(record):
+    """The inbox is full while the writer is held up: the reader keeps what it has read."""
+    line = range_line(0.0)
+    inbox, script = Inbox(len(line) + 450), Script()
+    taken = inbox.take
+
+    def late(wait_s):
+        if not script.recorder.is_stopping:
+            time.sleep(0.002)
+            return []
+        return taken(wait_s)
+
+    def stop():
+        script.recorder.stop()
+        return range_line(0.2, 2)
+
+    inbox.take = late
+    script.steps = [line, stop]
+    _, tallies, found = record(script, inbox=inbox, waits=True)
+    assert raw(found) == [line, range_line(0.2, 2)]
+    assert (tallies["x0"].frames, tallies["x0"].lost) == (2, 0)
+
+
+def test_chunks_without_room_are_counted_in_place_and_take_none():
+    inbox = Inbox(1000)
+    first = Chunk(0, bytes(700))
+    assert inbox.put("x", first)
+    for stream in (1, 2):
+        for _ in range(10_000):
+            inbox.drop("x", Chunk(0, b"abc", stream))
+    inbox.drop("x", Chunk(0, b"", 2))
+    items = inbox.take(0.0)
+    assert items == [("x", first), ("x", Dropped(1, 10_000)), ("x", Dropped(2, 10_000))]
+    for _, content in items:
+        inbox.done(content)
+    assert inbox.fill == 0.0
+    inbox.drop("x", Chunk(0, b"abc"))
+    assert inbox.put("x", Chunk(1, b"later"))
+    inbox.drop("x", Chunk(2, b"abc"))
+    kinds_taken = [type(content) for _, content in inbox.take(0.0)]
+    assert kinds_taken == [Dropped, Chunk, Dropped]
+
+
+def test_a_drop_is_booked_on_the_stream_that_lost(record):
+    """The line that the first client has begun is not torn by what the second one lost."""
+    line = range_line(0.0)
+    script = Script(
+        Joined(Script(), 1), Joined(Script(), 2), Chunk(1, line[:20], 1), Chunk(2, b"x" * 9000, 2),
+        Chunk(3, line[20:], 1),
+    )  # fmt: skip
+    inbox = Inbox(5000)
+    _, tallies, found = record(script, inbox=inbox, listens=True)
+    tally = tallies["x0"]
+    assert (tally.frames, tally.lost, tally.skipped_bytes) == (1, 1, 0)
+    assert [data[16:] for topic, _, data in found if topic == "/raw/x0/2"] == [b""]
+    assert raw(found) == [line[:20], line[20:]]
+
+
+def test_clients_are_started_when_they_come_and_polled_each(record, monkeypatch):
+    links = [Script(), Script()]
+    gone = Chunk(1, b"", 1)
+    steps = [Joined(links[0], 1), *[None] * 3, Joined(links[1], 2), *[None] * 3, gone]
+    script = Script(*[None] * 3, *steps, *[None] * 2, links[0].written.clear, *[None] * 3)
+
+    class Asking:
+        def __init__(self, decoder, stream):
+            self.decoder, self.stream = decoder, stream
+
+        def __getattr__(self, name):
+            return getattr(self.decoder, name)
+
+        def start(self):
+            return b"start %d" % self.stream
+
+        def poll(self, _now):
+            return b"poll %d" % self.stream
+
+    ask = Intake.decoder
+    monkeypatch.setattr(
+        Intake, "decoder", lambda intake, name, stream=1: Asking(ask(intake, name, stream), stream)
+    )
+    record(script, listens=True)
+    assert script.written == []
+    assert links[1].written[0] == b"start 2"
+    assert set(links[1].written[1:]) == {b"poll 2"}
+    assert links[0].written == []

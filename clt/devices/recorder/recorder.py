@@ -5,22 +5,20 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import NamedTuple
 
 from clt.core.arrays import NS_PER_SECOND
 from clt.core.diagnostics import Diagnostic
-from clt.devices.device_time import device_time_of
-from clt.devices.host_clock import HostClock
-from clt.devices.inbox import Content, Dropped, Ended, Inbox, Opened
-from clt.devices.intake import Intake
-from clt.devices.log_parts import LogParts, free_bytes
-from clt.devices.messages import LOG_TYPE, event_payload
-from clt.devices.source_reader import SourceReader
+from clt.devices.intake.intake import Intake
+from clt.devices.recorder.inbox import Content, Dropped, Ended, Inbox, Opened
+from clt.devices.recorder.source_reader import SourceReader
+from clt.devices.recorder.status import RecorderOptions, SourceStatus, Status
 from clt.devices.source_spec import SourceSpec
-from clt.devices.sources.source import Chunk, Connection, DisconnectedError, Opening
+from clt.devices.sources.source import Chunk, DisconnectedError, Link, Opening
 from clt.devices.sources.table import find_source
-from clt.devices.tally import Tally
+from clt.devices.stamping.device_time import device_time_of
+from clt.devices.stamping.host_clock import HostClock
+from clt.devices.storage.log_parts import LogParts, free_bytes
+from clt.devices.storage.messages import LOG_TYPE, event_payload
 from clt.log.mcap.live_writer import DiskFullError
 
 WAIT_S = 0.005
@@ -29,52 +27,15 @@ SHOW_NS = NS_PER_SECOND // 4
 """Between two states that are displayed."""
 CHECK_S = 1.0
 """Between looks at disk and clocks."""
-BUSY_FILL = 0.5
-"""From this fill of the inbox on, what cannot wait is kept raw only."""
 WALL_STEP_S = 0.05
 """A wall clock that was set by more is reported."""
 UNDECODED_AFTER_S = 3.0
 """Bytes of which nothing decodes are reported after so long."""
-SHARED_BLOCK_BYTES = 1024
-"""Read at a time of several files, so that they advance together."""
+SMALL_BLOCK_BYTES = 1024
+"""Read at a time of files that advance together, or that are recorded into several logs."""
 STEERING_LEAD_NS = 10 * NS_PER_SECOND
 """So far ahead of the others a file of steering angles is read."""
 JOIN_S = 5.0
-
-
-@dataclass(frozen=True)
-class RecorderOptions:
-    """How a recording goes and when it ends."""
-
-    duration_s: float | None = None
-    count: int | None = None
-    """Messages other than raw."""
-    stall_s: float = 5.0
-    reconnect: bool = True
-    min_free_bytes: int = 0
-    start_ns: int | None = None
-    """First stamp of bytes of the past; None: when the recording starts."""
-    busy_fill: float = BUSY_FILL
-
-
-class SourceStatus(NamedTuple):
-    """What a display shows of one source."""
-
-    name: str
-    tally: Tally
-    connected: bool
-    lost: int
-    """Of samples and datagrams so far."""
-
-
-class Status(NamedTuple):
-    """What a display shows."""
-
-    elapsed_s: float
-    log_bytes: int
-    inbox_fill: float
-    now_ns: int
-    sources: tuple[SourceStatus, ...]
 
 
 class Recorder:
@@ -99,7 +60,10 @@ class Recorder:
         self._inbox = Inbox() if inbox is None else inbox
         self._pulled = [spec.name for spec in specs if spec.pulled]
         self._readers = {spec.name: self._reader(spec) for spec in specs}
-        self._open: dict[str, Connection] = {}
+        self._links: dict[str, dict[int, Link]] = {spec.name: {} for spec in specs}
+        """By source and stream; where there is a connection."""
+        self._lost = dict.fromkeys(self._readers, 0)
+        """What the system lost, as far as it is in the tallies."""
         self._left = {spec.name for spec in specs}
         self._stopping = threading.Event()
         self._hurry = threading.Event()
@@ -137,11 +101,12 @@ class Recorder:
             if name not in self._pulled:
                 reader.start()
             elif reader.connection is not None:
-                self._open[name] = reader.connection
+                self._links[name][1] = reader.connection
         try:
             try:
                 self._loop(intake, parts)
                 self._drain(intake, parts)
+                self._count_lost(intake)
                 intake.finish()
                 parts.finish()
             except DiskFullError:
@@ -149,8 +114,7 @@ class Recorder:
                 self._event(intake, None, Diagnostic("disk_full", str(parts.paths[-1]), "partial"))
         finally:
             self.close()
-            for name, reader in self._readers.items():
-                intake.sources[name].tally.lost += reader.lost
+            self._count_lost(intake)
 
     def _loop(self, intake: Intake, parts: LogParts) -> None:
         while not self._stopping.is_set() and len(self._left) > 0 and not intake.full:
@@ -160,6 +124,7 @@ class Recorder:
             if pulling:
                 self._pull(intake, parts)
             self._poll(intake)
+            parts.flush_if_due()
             now = self._clock.now_ns()
             if now - self._checked >= CHECK_S * NS_PER_SECOND:
                 self._checked = now
@@ -194,18 +159,19 @@ class Recorder:
             case Chunk():
                 self._take(name, content, intake, parts)
             case Opened():
-                self._open[name] = content.connection
-                self._send(name, intake.decoder(name).start())
+                self._links[name][content.stream] = content.link
+                self._send(name, content.stream, intake.decoder(name, content.stream).start())
             case Ended():
                 self._left.discard(name)
-                self._open.pop(name, None)
+                self._links[name].clear()
             case Dropped():
-                source.tally.lost += 1
-                intake.take(name, Chunk(self._clock.now_ns(), b""))
-                self._once(intake, parts, Diagnostic("bytes_dropped", name))
+                source.tally.lost += content.chunks
+                intake.take(name, Chunk(self._clock.now_ns(), b"", content.stream))
+                if content.chunks > 0:
+                    self._once(intake, parts, Diagnostic("bytes_dropped", name))
             case Diagnostic():
                 if content.kind == "source_lost":
-                    self._open.pop(name, None)
+                    self._links[name].clear()
                 if content.kind == "source_back":
                     source.tally.reconnects += 1
                 self._event(intake, parts, content)
@@ -213,6 +179,8 @@ class Recorder:
 
     def _take(self, name: str, chunk: Chunk, intake: Intake, parts: LogParts) -> None:
         """Bytes: decoded, or kept raw only where the writer does not keep up."""
+        if chunk.data == b"":
+            self._links[name].pop(chunk.stream, None)
         if intake.full:
             return
         tally = intake.sources[name].tally
@@ -236,8 +204,9 @@ class Recorder:
             return (tallies[name].reached_ns or 0) - STEERING_LEAD_NS * (name in steering)
 
         name = min(waiting, key=reached)
+        connection = self._readers[name].connection
         try:
-            chunks = self._open[name].read(0.0)
+            chunks = () if connection is None else connection.read(0.0)
         except EOFError:
             self._left.discard(name)
             return
@@ -247,26 +216,36 @@ class Recorder:
             self._event(intake, parts, Diagnostic("source_lost", name, "partial", why))
             return
         for chunk in chunks:
-            intake.take(name, chunk)
+            if isinstance(chunk, Chunk):
+                intake.take(name, chunk)
             if intake.full:
                 return
 
     def _poll(self, intake: Intake) -> None:
         """Let decoders of devices that answer only ask."""
         now = self._clock.host.mono_ns() * 1e-9
-        for name in tuple(self._open):
+        for name, links in self._links.items():
             if name not in self._pulled:
-                self._send(name, intake.decoder(name).poll(now))
+                for stream in tuple(links):
+                    self._send(name, stream, intake.decoder(name, stream).poll(now))
 
-    def _send(self, name: str, data: bytes) -> None:
-        connection = self._open.get(name)
-        if data != b"" and connection is not None:
+    def _send(self, name: str, stream: int, data: bytes) -> None:
+        link = self._links[name].get(stream)
+        if data != b"" and link is not None:
             with suppress(DisconnectedError):  # A lost connection is met by its reader, too.
-                connection.write(data)
+                link.write(data)
+
+    def _count_lost(self, intake: Intake) -> None:
+        """Add to the tallies what the system lost since the last time."""
+        for name, reader in self._readers.items():
+            lost = reader.lost
+            intake.sources[name].tally.lost += lost - self._lost[name]
+            self._lost[name] = lost
 
     def _check(self, now: int, intake: Intake, parts: LogParts) -> None:
-        """Once a second: disk, clocks, sources of which nothing is understood; a flush."""
-        parts.flush()
+        """Once a second: disk, clocks, sources of which nothing is understood, losses."""
+        self._count_lost(intake)
+        intake.write_losses()
         step = self._clock.wall_step_ns() / NS_PER_SECOND
         if abs(step) > WALL_STEP_S:
             values = {"step_s": step}
@@ -284,9 +263,8 @@ class Recorder:
                 seen = {"bytes": tally.bytes, "proto": tally.proto}
                 found = Diagnostic("nothing_decoded", name, values=seen)
                 self._once(intake, parts, found)
-            lost = self._readers[name].lost
-            if lost > 0:
-                found = Diagnostic("datagrams_lost", name, values={"lost": lost})
+            if self._lost[name] > 0:
+                found = Diagnostic("datagrams_lost", name, values={"lost": self._lost[name]})
                 self._once(intake, parts, found)
 
     def _once(self, intake: Intake, parts: LogParts, found: Diagnostic) -> None:
@@ -307,17 +285,15 @@ class Recorder:
 
     def _status(self, now: int, intake: Intake, parts: LogParts) -> Status:
         sources = tuple(
-            SourceStatus(
-                name, source.tally, name in self._open, source.tally.lost + self._readers[name].lost
-            )
-            for name, source in intake.sources.items()
+            SourceStatus(name, tally, len(self._links[name]) > 0)
+            for name, tally in intake.tallies.items()
         )
         elapsed = (now - self._start) / NS_PER_SECOND
         return Status(elapsed, parts.size, self._inbox.fill, now, sources)
 
     def _reader(self, spec: SourceSpec) -> SourceReader:
-        several = sum(one.pulled for one in self.specs) > 1
-        block = SHARED_BLOCK_BYTES if several else Opening.block_bytes
+        several = sum(one.pulled for one in self.specs) > 1 or self.options.splits
+        block = SMALL_BLOCK_BYTES if several else Opening.block_bytes
         opening = Opening(self._clock, device_time_of(spec), block)
         return SourceReader(
             spec,

@@ -20,10 +20,10 @@ The map in force is causal and steady: it falls at once where a sample arrives s
 (a stamp is never later than the arrival), and turns towards the newest line only when a window
 ends, by its rate, so that it never jumps upwards. Stamps of increasing device times increase.
 
-A device that begins again (its time steps back by more than RESTART_S, or runs ahead of the host by
-more than that) gets a new map once CONFIRMATIONS samples in a row agree on it; a single wild time
-is stamped with its arrival. So does one whose clock stood still: all of a window comes later than
-the map says by more than RESTART_S.
+A device that begins again (its time steps back by more than RESTART_S, or runs ahead of the host
+by more than that) gets a new map once CONFIRMATIONS samples in a row agree on it; a single wild
+time is stamped with its arrival. So does one whose clock stood still: all of a window comes later
+than the map says by more than RESTART_S.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 WINDOW_S = 10
 WINDOWS = 30
@@ -97,7 +97,26 @@ class ClockMap:
         self._suspects: list[Point] = []
         self._latest = (0, 0)
         """Largest device time and its stamp."""
+        self._resumed = False
+        """Nothing came since the log went on in a new file."""
         self._changed: list[MapSegment] = []
+
+    @classmethod
+    def resumed(cls, device: int, host: int, rate: float, stamp: int) -> Self:
+        """The map as `state` gave it."""
+        found = cls()
+        found._begin(int(device), int(host))
+        found._segment = (0, 0.0, min(max(float(rate), -MAX_RATE), MAX_RATE))
+        found._latest = (int(device), int(stamp))
+        found._resumed = True
+        return found
+
+    def state(self) -> tuple[int, int, float, int]:
+        """Latest device time, the host's by the line in force, its rate, the latest stamp."""
+        start = self._start or (0, 0)
+        device, stamp = self._latest
+        x = device - start[0]
+        return device, start[1] + x + int(self._line(x) // 1), self._segment[2], stamp
 
     def stamps(self, times: Sequence[int], arrival: int) -> list[int]:
         """Host times of samples of these device times, which arrived together at `arrival`.
@@ -107,16 +126,27 @@ class ClockMap:
         """
         if self._start is None and len(times) > 0:
             self._begin(times[0], arrival)
-        wild: set[int] = set()
-        known: dict[int, int] = {}
-        for time in times:
-            if time not in known:
-                known[time] = 0
-                if not self._observe(time, arrival):
-                    wild.add(time)
-        for time in sorted(known):
-            known[time] = arrival if time in wild else self._stamp(time)
-        return [known[time] for time in times]
+        stamps = [arrival] * len(times)
+        seen: dict[int, bool] = {}
+        """Of this map: times and whether they are believed."""
+        mapped: list[int] = []
+        """Places of those that wait for their stamps."""
+        for place, time in enumerate(times):
+            if time not in seen:
+                believed = self._observe(time, arrival)
+                if believed is None:  # Those before belong to the map that ends here.
+                    self._stamp_all(times, mapped, stamps)
+                    seen, mapped = {}, []
+                    self._restart(time, arrival)
+                seen[time] = believed is not False
+            if seen[time]:
+                mapped.append(place)
+        self._stamp_all(times, mapped, stamps)
+        return stamps
+
+    def _stamp_all(self, times: Sequence[int], places: Sequence[int], stamps: list[int]) -> None:
+        for place in sorted(places, key=lambda one: times[one]):
+            stamps[place] = self._stamp(times[place])
 
     def changes(self) -> list[MapSegment]:
         """The segments that came into force since this was asked last."""
@@ -132,21 +162,32 @@ class ClockMap:
         self._latest = (device - 1, max(self._latest[1], 0))
         self._note()
 
-    def _observe(self, device: int, host: int) -> bool:
-        """Use one sample for the map; False where its time cannot be believed (yet)."""
+    def _restart(self, device: int, host: int) -> None:
+        """The device began again at about this time."""
+        self.restarts += 1
+        self._begin(device, host)
+        self._window_lowest = (0, 0)
+
+    def _observe(self, device: int, host: int) -> bool | None:
+        """Use one sample for the map; False where its time cannot be believed (yet).
+
+        None: the device began again, and wants a new map.
+        """
         start = self._start
         if start is None:
             return False
         x, r = device - start[0], (host - start[1]) - (device - start[0])
         if device < self._latest[0] - RESTART_S * NS or r < self._line(x) - RESTART_S * NS:
-            return self._suspect(device, host)
-        self._suspects = []
+            if not self._resumed:
+                return self._suspect(device, host)
+            self._resumed = False  # Its decoder began to count its turns again.
+            self._begin(device, host)
+            return self._observe(device, host)
+        self._suspects, self._resumed = [], False
         window = x // (WINDOW_S * NS)
         if window > self._window:
             if self._is_behind():
-                self.restarts += 1
-                self._begin(device, host)
-                return self._observe(device, host)
+                return None
             self._turn(x, window)
         lowest = self._window_lowest
         if lowest is None or r < lowest[1]:
@@ -156,20 +197,15 @@ class ClockMap:
             self._note()
         return True
 
-    def _suspect(self, device: int, host: int) -> bool:
-        """A time that does not fit; begin again once enough in a row agree."""
+    def _suspect(self, device: int, host: int) -> bool | None:
+        """A time that does not fit: False; None once enough in a row agree."""
         near = RESTART_S * NS
         if len(self._suspects) > 0:
             last = self._suspects[-1]
             if abs((device - last[0]) - (host - last[1])) > near or device < last[0]:
                 self._suspects = []
         self._suspects.append((device, host))
-        if len(self._suspects) < CONFIRMATIONS:
-            return False
-        self.restarts += 1
-        self._begin(device, host)
-        self._window_lowest = (0, 0)
-        return True
+        return False if len(self._suspects) < CONFIRMATIONS else None
 
     def _turn(self, x: int, window: int) -> None:
         """A window ended: aim at the newest line, to be met at the end of the next one."""

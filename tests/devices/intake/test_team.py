@@ -7,7 +7,7 @@ import pytest
 from clt.core.document import Document
 from clt.core.errors import UsageError
 from clt.core.recording import Robot, Team
-from clt.devices.team import GrowingTeam, read_team
+from clt.devices.intake.team import GrowingTeam, read_team
 
 
 def test_ids_are_those_of_names_then_of_devices_then_free_ones():

@@ -7,16 +7,17 @@ import threading
 from clt.core.arrays import NS_PER_SECOND
 from clt.core.diagnostics import Diagnostic, Severity
 from clt.core.errors import CltError
-from clt.devices.host_clock import HostClock
-from clt.devices.inbox import Dropped, Ended, Inbox, Opened
+from clt.devices.recorder.inbox import Ended, Inbox, Opened
 from clt.devices.source_spec import SourceSpec
 from clt.devices.sources.source import (
     Chunk,
     Connection,
     DisconnectedError,
+    Joined,
     Opening,
     SourceKind,
 )
+from clt.devices.stamping.host_clock import HostClock
 
 READ_TIMEOUT_S = 0.05
 FIRST_RETRY_S = 0.2
@@ -74,9 +75,13 @@ class SourceReader:
 
     def start(self) -> None:
         """Begin to read in a thread of its own."""
-        if self.connection is not None:
-            self._inbox.put(self.spec.name, Opened(self.connection))
+        self._announce()
         self._thread.start()
+
+    def _announce(self) -> None:
+        """There is a connection; where clients are listened for, each is announced by itself."""
+        if self.connection is not None and not self.kind.listens:
+            self._inbox.put(self.spec.name, Opened(self.connection))
 
     def join(self, timeout_s: float) -> None:
         """Wait for the end of the thread, which must have been asked to stop."""
@@ -111,7 +116,10 @@ class SourceReader:
             if len(chunks) > 0:
                 heard, silent = now, False
                 for chunk in chunks:
-                    self._put(chunk)
+                    if isinstance(chunk, Joined):
+                        self._inbox.put(self.spec.name, Opened(*chunk))
+                    else:
+                        self._put(chunk)
             elif 0 < self._stall_ns < now - heard and not silent:
                 seconds = self._stall_ns / NS_PER_SECOND
                 if self._reconnect:
@@ -124,16 +132,17 @@ class SourceReader:
         """Hand on; a source that cannot wait loses what finds no room."""
         if not self.kind.waits:
             if not self._inbox.put(self.spec.name, chunk):
-                self._inbox.put(self.spec.name, Dropped(len(chunk.data)))
+                self._inbox.drop(self.spec.name, chunk)
             return
         while not self._inbox.put(self.spec.name, chunk, wait_s=SLEEP_STEP_S):
-            if self.stopping.is_set():
+            if self.stopping.is_set():  # It was taken from its source: it belongs to the log.
+                self._inbox.put(self.spec.name, chunk, always=True)
                 return
 
     def _again(self, error: Exception) -> bool:
         """Connect again, sooner first and later less often; False when asked to stop."""
         name, lost = self.spec.name, self._clock.now_ns()
-        self._inbox.put(name, Chunk(lost, b""))
+        self._inbox.put(name, Chunk(lost, b""), always=True)
         known = isinstance(error, DisconnectedError)
         in_order = isinstance(error, DisconnectedError) and error.in_order
         severity: Severity = "warning" if in_order else "partial"
@@ -152,7 +161,7 @@ class SourceReader:
             except Exception:  # noqa: BLE001, S112 - as above: it is tried again
                 continue
             gap = (self._clock.now_ns() - lost) / NS_PER_SECOND
-            self._inbox.put(name, Opened(self.connection))
+            self._announce()
             self._say(Diagnostic("source_back", name, "information", {"gap_s": gap}))
             return True
         return False

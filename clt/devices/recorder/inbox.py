@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from clt.core.diagnostics import Diagnostic
-from clt.devices.sources.source import Chunk, Connection
+from clt.devices.sources.source import Chunk, Link
 
 INBOX_BYTES = 64 << 20
 WAITING_BYTES = 4 << 20
@@ -19,19 +20,23 @@ ITEM_BYTES = 200
 
 
 class Opened(NamedTuple):
-    """A source was (re)connected."""
+    """A source was (re)connected, or a client came to one that listens."""
 
-    connection: Connection
+    link: Link
+    """Where its decoder's requests go."""
+    stream: int = 1
 
 
 class Ended(NamedTuple):
     """A source has no more to give."""
 
 
-class Dropped(NamedTuple):
-    """A chunk found no room."""
+@dataclass
+class Dropped:
+    """Chunks of a stream, one behind the other, that found no room."""
 
-    size: int
+    stream: int
+    chunks: int = 0
 
 
 Content = Chunk | Opened | Ended | Dropped | Diagnostic
@@ -48,6 +53,8 @@ class Inbox:
     def __init__(self, most_bytes: int = INBOX_BYTES) -> None:
         self._most = most_bytes
         self._items: deque[tuple[str, Content]] = deque()
+        self._drops: dict[tuple[str, int], Dropped] = {}
+        """Of each stream the item that counts on, until a chunk of it finds room or it is taken."""
         self._bytes = 0
         self._changed = threading.Condition()
 
@@ -56,19 +63,39 @@ class Inbox:
         """0 empty to 1 full."""
         return self._bytes / self._most
 
-    def put(self, source: str, content: Content, *, wait_s: float = 0.0) -> bool:
-        """Append; of a chunk only if there is room, perhaps after a while. Whether it was."""
+    def put(
+        self, source: str, content: Content, *, wait_s: float = 0.0, always: bool = False
+    ) -> bool:
+        """Append; a chunk only if there is room, perhaps after a while, or `always`.
+
+        Returns whether it was. What is no chunk is small and rare, and always appended.
+        """
         size = item_bytes(content)
         most = self._most if wait_s == 0.0 else min(self._most, WAITING_BYTES)
         with self._changed:
             if isinstance(content, Chunk):
-                room = self._changed.wait_for(lambda: self._bytes + size <= most, wait_s)
-                if not room:
+                if not always and not self._changed.wait_for(
+                    lambda: self._bytes + size <= most, wait_s
+                ):
                     return False
-            self._items.append((source, content))
-            self._bytes += size
-            self._changed.notify_all()
+                self._drops.pop((source, content.stream), None)
+            self._append(source, content)
             return True
+
+    def drop(self, source: str, chunk: Chunk) -> None:
+        """Count a chunk that found no room, at its place among the others."""
+        key = (source, chunk.stream)
+        with self._changed:
+            found = self._drops.get(key)
+            if found is None:
+                found = self._drops[key] = Dropped(chunk.stream)
+                self._append(source, found)
+            found.chunks += chunk.data != b""
+
+    def _append(self, source: str, content: Content) -> None:
+        self._items.append((source, content))
+        self._bytes += item_bytes(content)
+        self._changed.notify_all()
 
     def take(self, wait_s: float) -> list[tuple[str, Content]]:
         """What waits, the oldest TAKEN_BYTES of it; waits for something at most so long."""
@@ -77,9 +104,11 @@ class Inbox:
                 self._changed.wait(wait_s)
             items, size = [], 0
             while len(self._items) > 0 and size < TAKEN_BYTES:
-                item = self._items.popleft()
-                items.append(item)
-                size += item_bytes(item[1])
+                source, content = self._items.popleft()
+                items.append((source, content))
+                size += item_bytes(content)
+                if isinstance(content, Dropped):
+                    self._drops.pop((source, content.stream), None)
             return items
 
     def done(self, content: Content) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from clt.core.diagnostics import Diagnostic, Severity
-from clt.devices.tally import Tally
+from clt.devices.intake.tally import Tally
+from clt.devices.stamping.stamping import MAX_CLOCKS
 
 SUMMARY_FIELDS = (
     "bytes", "frames", "samples", "skipped_bytes", "tail_bytes", "bad_frames", "lost",
@@ -31,20 +32,29 @@ def summary_diagnostics(tallies: Mapping[str, Tally]) -> Iterator[Diagnostic]:
             names = dict(sorted(tally.named.items()))
             yield Diagnostic("robots_named", name, "information", {"names": names})
         if len(tally.unknown_ids) > 0:
-            counts = dict(sorted(tally.unknown_ids.items()))
             severity: Severity = "warning" if tally.samples > 0 else "partial"
-            yield Diagnostic("unknown_ids", name, severity, {"counts": counts})
+            unknown = {
+                "counts": dict(sorted(tally.unknown_ids.items())),
+                "more": tally.more_unknown,
+                "mapped": tally.mapped,
+            }
+            yield Diagnostic("unknown_ids", name, severity, unknown)
         if tally.unknown_turns > 0:
             values = {"count": tally.unknown_turns}
             yield Diagnostic("unknown_turns", name, "warning", values)
+        if tally.clockless > 0:
+            values = {"count": tally.clockless, "most": MAX_CLOCKS}
+            yield Diagnostic("too_many_clocks", name, "warning", values)
         if tally.decoder_error != "":
             failure = {"error": tally.decoder_error, "proto": tally.proto}
             yield Diagnostic("decoder_failed", name, "partial", failure)
         if tally.bytes == 0:
-            yield Diagnostic("no_bytes", name, "warning")
+            yield Diagnostic("no_bytes", name, "partial" if tally.live else "warning")
         if tally.frames == 0 and tally.bytes > 0:
             found = {"bytes": tally.bytes, "proto": tally.proto}
             yield Diagnostic("nothing_decoded", name, "partial", found)
         damage = {key: getattr(tally, key) for key in DAMAGE_FIELDS}
         if any(count > 0 for count in damage.values()):
-            yield Diagnostic("source_damaged", name, "partial", damage)
+            first = tally.first_bad_line
+            line = {} if first is None else {"line": first[0], "text": first[1]}
+            yield Diagnostic("source_damaged", name, "partial", damage | line)

@@ -1,0 +1,1 @@
+"""Reads sources in threads and writes one log until it is ended."""

@@ -1,0 +1,1 @@
+"""When samples were true, by the clock of the host."""
