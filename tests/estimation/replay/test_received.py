@@ -398,7 +398,7 @@ def test_dead_reckoning_is_what_was_known_too():
         assert least <= np.abs(known[name].x[own] - sure[name].x[other]).max() <= most
 
 
-def test_doubtful_log_times_are_told():
+def test_doubtful_log_times_are_reported():
     recording = team_recording(seed=12, seconds=2.0)
     start = from_truth(recording, SIGMA)
     (same,) = warnings_of(received.replay_recording(recording, start, DEFAULTS))
