@@ -34,7 +34,7 @@ COMMANDS = {
     ),
     "init": CommandEntry(
         "clt.cli.commands.init:init",
-        "Find the initial pose of every robot, or say why it cannot be told yet.",
+        "Find the initial pose of every robot, or say why it cannot be known yet.",
     ),
     "localize": CommandEntry(
         "clt.cli.commands.localize:localize",
@@ -50,7 +50,7 @@ COMMANDS = {
     ),
     "observability": CommandEntry(
         "clt.cli.commands.observability:observability",
-        "Tell what cannot be observed, in which direction, and what would change that.",
+        "Say what cannot be observed, in which direction, and what would change that.",
     ),
     "plot": CommandEntry(
         "clt.cli.commands.plot:plot",
@@ -69,7 +69,7 @@ COMMANDS = {
         "Write a first streams.toml for a foreign log, guessed from its topics and types.",
     ),
     "info": CommandEntry(
-        "clt.cli.commands.info:info", "Tell robots, pairs, rates, gaps, truth and faults of a log."
+        "clt.cli.commands.info:info", "Show robots, pairs, rates, gaps, truth and faults of a log."
     ),
     "settings": CommandEntry(
         "clt.cli.commands.settings:settings",

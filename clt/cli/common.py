@@ -53,9 +53,9 @@ def check_choice(option: str, value: str, known: tuple[str, ...]) -> None:
 
 
 def read_filter_settings(
-    config: Path | Document | None, sets: list[str], told: Communication | None = None
+    config: Path | Document | None, sets: list[str], network: Communication | None = None
 ) -> FilterSettings:
-    """Settings by precedence: defaults < what the log has told < file < environment < --set."""
+    """Settings by precedence: defaults < what the log records < file < environment < --set."""
     from clt.core.settings import (
         parse_assignments,
         parse_settings,
@@ -67,8 +67,8 @@ def read_filter_settings(
 
     tree = {} if config is None else read_toml(config)
     tree = parse_settings(FilterSettings, tree, str(config)).model_dump(exclude_unset=True)
-    if told is not None:
-        tree["dpf"] = network_settings(told) | tree.get("dpf", {})
+    if network is not None:
+        tree["dpf"] = network_settings(network) | tree.get("dpf", {})
         tree = parse_settings(FilterSettings, tree, "the log's clt.team").model_dump(
             exclude_unset=True
         )
@@ -80,15 +80,15 @@ def read_filter_settings(
     return parse_settings(FilterSettings, tree, "--set")
 
 
-def network_settings(told: Communication) -> dict[str, object]:
-    """What a log tells of the network among its robots as keys of `dpf`."""
+def network_settings(given: Communication) -> dict[str, object]:
+    """What a log records of the network among its robots as keys of `dpf`."""
     network: dict[str, object] = {
-        "graph": told.graph,
-        "interval": 1.0 / told.rate,
-        "loss": told.loss,
-        "delay": told.delay,
+        "graph": given.graph,
+        "interval": 1.0 / given.rate,
+        "loss": given.loss,
+        "delay": given.delay,
     }
-    return network if told.reach == float("inf") else network | {"reach": told.reach}
+    return network if given.reach == float("inf") else network | {"reach": given.reach}
 
 
 def with_ranges(recording: Recording, console: Console) -> Recording:

@@ -210,7 +210,7 @@ def test_command(tmp_path):
         ({PAIR[0]: []}, "no ranges (/uwb/tof/n_A/n_B/distance)"),
         ({"/uwb/tof/n_4/n_4/distance": every(1.0, 2, 1.0)}, "not a range between two nodes"),
         ({"/uwb/tof/n_4/n_70000/distance": every(1.0, 2, 1.0)}, "below 65536"),
-        ({"/turtlebot1/odom": every(1.0, 2, 0.0, 0.0)}, "tell the same of one robot"),
+        ({"/turtlebot1/odom": every(1.0, 2, 0.0, 0.0)}, "are of the same kind for one robot"),
     ],
 )
 def test_topics_that_make_no_team(tmp_path, change, said):

@@ -181,7 +181,7 @@ def test_noise_nobody_gives_is_assumed_and_said():
     segments, notes = robot_segments(sampled, ROBOT, NoiseSettings(), 0, 100 * MS)
     assert len(notes) == 1
     assert (
-        "does not tell the odometry noise of R1: assumed 0.1 m/s and 0.1 rad/s" in texts(notes)[0]
+        "does not give the odometry noise of R1: assumed 0.1 m/s and 0.1 rad/s" in texts(notes)[0]
     )
     np.testing.assert_allclose(segments.var_v, DEFAULT_SIGMA_V**2)
     for known in (replace(ROBOT, sigma_v=0.3, sigma_omega=0.2), ROBOT):

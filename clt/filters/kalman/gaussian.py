@@ -42,7 +42,7 @@ def solve_eskf_without_search(problem: Problem, settings: FilterSettings) -> Sol
 
 
 def filter_eskf(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
-    """Run the filter alone; `hold` what no range tells (`free`), decided once for a whole log."""
+    """Run the filter alone; `hold` what no range observes (`free`), decided once for a log."""
     form = process_noise_form(problem, settings)
     memory = restore_eskf_memory(problem)
     relative = bool(np.any(problem.space.base != WORLD_REFERENCE))

@@ -188,7 +188,7 @@ def test_static_robots_and_one_that_never_moves_are_placed_where_they_stand(clt,
     assert 0.0 < robots["R2"]["covariance"][0][0] < 0.02**2
     for name in ("R3", "R4", "R5"):
         assert robots[name]["status"] == "unobservable"
-        assert robots[name]["why"] == "it never moves: no heading can be warnings"
+        assert robots[name]["why"] == "it never moves: no heading can be found"
         assert robots[name]["covariance"][2][2] == pytest.approx(np.pi**2)
         assert len(robots[name]["alternatives"]) == 1
         assert robots[name]["alternatives"][0]["y"] == pytest.approx(-robots[name]["y"])

@@ -72,8 +72,8 @@ def test_singular_states_are_not_called_hidden():
     found = team(*words)
     assert found["second_order"] == found["unobservable"] != []
     out = clt(*words).stdout
-    assert "tell only to second order" in out
-    assert "no range tells" not in out
+    assert "observed only to second order" in out
+    assert "no range observes" not in out
     assert team("--moving", 2)["second_order"] == []
 
 

@@ -174,7 +174,7 @@ def test_a_robot_that_never_moves_is_named_and_the_rest_is_found():
     recording, starts = simulated(duration=20.0, robots=robots)
     found = from_motion(recording, DEFAULTS)
     assert found.robots["still"].status == "unobservable"
-    assert reason(found.robots["still"]) == "it never moves: no heading can be told"
+    assert reason(found.robots["still"]) == "it never moves: no heading can be found"
     assert "still" not in found.start.poses
     for name in set(starts) - {"still"}:
         assert found.robots[name].status == "ok"

@@ -38,7 +38,7 @@ def test_mirror_images(other, mirrored):
 @pytest.mark.parametrize(
     ("other", "expected"),
     [
-        ((4.0, 2.0, np.pi / 2 - 0.3), "or its mirror image, which only turning tells apart"),
+        ((4.0, 2.0, np.pi / 2 - 0.3), "or its mirror image, which only turning excludes"),
         ((2.0, 4.0, 2.0), "2 poses explain its ranges (the best with probability 0.70)"),
     ],
 )
