@@ -3,8 +3,8 @@
     python benchmarks/araki.py [--seeds 30] [--only two|five] [--out benchmarks/results/araki.md]
 
 The paper publishes neither its trajectories nor its initial errors, so its figures stand beside
-ours only for their order of magnitude: the scenes are `araki-*`, initial errors are drawn from the
-covariance that the filters are told, anew for every seed. Distances are the norm of the position
+ours only for their order of magnitude: the scenes are `araki-*`, initial errors are drawn for every
+seed from the covariance that the filters are given. Distances are the norm of the position
 error of T_j1, root mean square over a run, mean over the seeds; the bound is the posterior
 Cramer-Rao bound for the packets that arrived. "real" adds what the scene's note calls realistic:
 scale errors of 3 %, biases of 0.03 rad/s, delays of 84 +- 71 ms, clocks off by 2 +- 9 ms, batches

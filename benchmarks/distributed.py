@@ -3,7 +3,7 @@
     python benchmarks/distributed.py [--seeds 30] [--only accuracy|cost] [--table FILE] [--out DIR]
 
 Scene: `li-three`, R1's relative poses of R2 and R3, every initial pose off by a draw from the
-covariance that the filters are told. Over 60 s the drives of the scene go on in circles
+covariance that the filters are given. Over 60 s the drives of the scene go on in circles
 ("circling"), or all three wander in the arena. Distances are root mean square over both neighbours,
 time and seeds. `--out` gets the pictures: error over time beside dead reckoning (the paper's
 Fig. 8), time against particles (Fig. 9).

@@ -105,8 +105,8 @@ def cost(robots: int, particles: int) -> Cost:
     def weigh(table: RangeTable, member: ParticleMember = robot) -> np.ndarray:
         return member.message(table, member.distances(table)[0], link)
 
-    told, twice = weigh(own), both_ways(pairs)
-    values = np.tile(told, (robots, 1))
+    message, twice = weigh(own), both_ways(pairs)
+    values = np.tile(message, (robots, 1))
     return Cost(
         robots,
         particles,
@@ -115,7 +115,8 @@ def cost(robots: int, particles: int) -> Cost:
         timed(lambda: weigh(twice)),
         timed(lambda: weigh(pairs)),
         timed(lambda: np.full(robots, 1.0 / robots) @ values),
-        timed(lambda: robot.copy().fuse(told, robots, second)) + timed(lambda: renew(robot)) / 3.0,
+        timed(lambda: robot.copy().fuse(message, robots, second))
+        + timed(lambda: renew(robot)) / 3.0,
         8 * particles,
         *functions(problem),
     )
@@ -148,9 +149,9 @@ def functions(problem: Problem) -> tuple[float, int]:
         member.advance(second)
         table = select_ranges(pairs, own)
         h, _ = member.distances(table)
-        told = member.message(table, h, link[own])
+        message = member.message(table, h, link[own])
         everyone = share * member.message(pairs, h, link)
-        np.full(robots, share) @ np.tile(told, (robots, 1))
+        np.full(robots, share) @ np.tile(message, (robots, 1))
         member.fuse(everyone, robots, second)
 
     size = 8 * robot.message(pairs, np.empty(0), link).size

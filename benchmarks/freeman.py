@@ -3,7 +3,7 @@
     python benchmarks/freeman.py [--seeds 30] [--out benchmarks/results/freeman.md]
 
 Scenario `freeman`: 12 s, two robots that drive at random, input noise 0.22 m/s and rad/s, ranges of
-0.32 m. mu_0 is off by a draw from N(0, error^2), the filters are told Sigma_0. A run has diverged
+0.32 m. mu_0 is off by a draw from N(0, error^2), the filters are given Sigma_0. A run has diverged
 when T21 is off by more than 1 m, or its heading by more than 0.8 rad, root mean square over the
 last two seconds. So much noise makes some runs of any filter stray: what counts is the distance to
 the 20,000-particle filter and to the Cramer-Rao bound. The paper publishes neither its mu_0, nor
@@ -67,7 +67,7 @@ def run(case: Case, seeds: int) -> tuple[dict[str, list[RelativeScore]], dict[st
             posterior = estimators.localize_recording(recording, start, SETTINGS, estimator)
             seconds[name] += process_time() - begin
             scores[name].append(score_estimate(recording, posterior.poses["R2"], "R2"))
-        # What an error of the size that was drawn leaves, told to the filter.
+        # What an error of the size that was drawn leaves, given to the filter.
         sure = relative_start(perfect, "R1", case.error, None)
         best = bound(perfect, sure, SETTINGS, EGO).poses["R2"]
         scores["bound"].append(score_bound(best))

@@ -10,7 +10,7 @@ unobservable the initial error must still be there, those called observable must
 bounded. In the coordinates (e, dtheta), e = dp - J p dtheta, an error that no range corrects stays
 what it is, so that a direction means the same at the start and at the end.
 
-On the anchors' line the rank drops at a single state, and ranges tell the open directions to second
+On the anchors' line the rank drops at a single state, and ranges show the open directions to second
 order: the more, the larger the errors. There the initial error must be kept the better, the
 smaller it is.
 """
@@ -55,7 +55,7 @@ from clt.sim.simulate import simulate_exact as without_noise
 LARGE, SMALL, TINY = (np.array([0.2, 0.2, 0.1]) * factor for factor in (1.0, 0.1, 0.001))
 """Standard deviations of the initial errors, m and rad. What is observable must overcome large ones
 (still larger ones the filter's linearization does not bear). What is not is asked with small ones:
-of a large rotation ranges tell to second order.
+of a large rotation ranges show to second order.
 """
 KEPT = 0.95
 """An unobservable direction keeps this share of each initial error at least."""
@@ -99,7 +99,7 @@ class Verdict:
 
 UNOBSERVABLE, SECOND_ORDER, OBSERVABLE = SAID = (
     "unobservable",
-    "told to second order only",
+    "observed to second order only",
     "observable",
 )
 
@@ -311,10 +311,10 @@ All runs of a log share its noise, so that by chance one direction in 400 ends b
 standard deviations, and one in 16 000 beyond 4.
 
 Observability is local: from a large error the filter, which linearizes, may lose a team in a single
-run. And on the line a large error across it, which ranges tell to second order only, lengthens them
+run. And on the line a large error across it, which ranges show to second order only, lengthens them
 and so spoils the place along it.
 
-Told to second order: a robot on the line of both anchors. Off that line by y, at distance d, a
+Observed to second order: a robot on the line of both anchors. Off that line by y, at distance d, a
 range changes by y^2 / (2 d); and the filter, which linearizes at its estimate beside the line,
 learns the more the further that is. So larger errors shrink there in part, and so may small ones
 where noise takes the estimate off the line; tiny ones without noise stay."""

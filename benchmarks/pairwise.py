@@ -7,8 +7,8 @@ Two robots start 1 m to 4 m apart, in any direction, with any headings ("arena":
 arena of 9 m x 2 m, at least 1 m apart; "paper": 2 m apart at 90 degrees, turned by -14.6), and
 drive steps of 0.6 m: straight; gentle (0.1 rad a step); weave (0.5 rad a step, swinging with a
 period of 8 steps); curvy (every step turns by a normal angle of 0.5 rad). Odometry errors are a
-random walk that is off by the given distance (RMS) after 15 steps. The pose told, as `clt init`
-tells it, is right within 1 m and 20 degrees; "could be": how often the best possible answer would
+random walk that is off by the given distance (RMS) after 15 steps. The pose given, as `clt init`
+gives it, is right within 1 m and 20 degrees; "could be": how often the best possible answer would
 be, by the posterior itself; "in the set": the truth lies in the 99.7 % region of a hypothesis.
 Further rows have wild ranges, too long by an exponential error of 1 m on average: here
 and there, or all by the same in a row.
@@ -105,7 +105,7 @@ def paper(_: np.random.Generator) -> Floats:
 def measure(
     pose: Floats, motion: str, n: int, sigma: float, drift: float, rng: np.random.Generator
 ) -> PairRanges:
-    """Noisy ranges along two tracks as odometry tells them."""
+    """Noisy ranges along two tracks as odometry reports them."""
     a, b = track(motion, n, rng), track(motion, n, rng)
     z = np.hypot(*(pose[:2] + b @ rotation_matrix(pose[2]).T - a).T) + sigma * rng.standard_normal(
         n
@@ -113,12 +113,12 @@ def measure(
     step = drift / np.sqrt(2.0 * 15.0)
     k = np.arange(n)
     P = step**2 * np.minimum(k[:, None], k)[:, :, None, None] * np.eye(2)
-    told = []
+    tracks = []
     for p in (a, b):
         error = np.cumsum(step * rng.standard_normal((n - 1, 2)), axis=0)
-        told.append(p + np.vstack([np.zeros(2), error]))
+        tracks.append(p + np.vstack([np.zeros(2), error]))
     S = P[k, k]
-    return PairRanges(np.abs(z), np.full(n, sigma**2), *told, P, P, S, S, np.zeros((n, 2, 2)))
+    return PairRanges(np.abs(z), np.full(n, sigma**2), *tracks, P, P, S, S, np.zeros((n, 2, 2)))
 
 
 def spoil(pair: PairRanges, wild: int, in_a_row: bool, rng: np.random.Generator) -> None:
@@ -208,7 +208,7 @@ def figure(folder: Path) -> None:
     ):
         axes.boxplot(list(np.degrees(values)), tick_labels=counts.astype(str).tolist())
         axes.axhline(np.degrees(true), color="tab:red", linewidth=1.0, label="truth")
-        axes.set(xlabel="ranges N", ylabel=f"{name} of the pose told, deg", title=name)
+        axes.set(xlabel="ranges N", ylabel=f"{name} of the pose given, deg", title=name)
         axes.legend()
     folder.mkdir(parents=True, exist_ok=True)
     page.savefig(folder / "pairwise.png", dpi=150)

@@ -82,8 +82,8 @@ def start_row(log: str, recording: Recording, config: str | None) -> str:
 
     The pose is carried by odometry to the first truth of both, where that begins later.
     """
-    told = {} if config is None else read_toml(HERE / config)
-    settings = FilterSettings.model_validate(told)
+    keys = {} if config is None else read_toml(HERE / config)
+    settings = FilterSettings.model_validate(keys)
     ego, other = (robot.name for robot in recording.team.moving[:2])
     found = from_pairwise(recording, settings, ego)
     status, start = found.robots[other], found.start

@@ -1,7 +1,7 @@
 """What studies of relative localization share: drawing initial errors, the bound, scores.
 
 The start is a set of transforms T_ji in the body frame of one robot, each with an error drawn from
-the covariance that the filters are told.
+the covariance that the filters are given.
 """
 
 from __future__ import annotations

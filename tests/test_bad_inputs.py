@@ -374,9 +374,9 @@ CASES = {
     "NaN antenna": (with_team(antenna=[NAN, 0.0]), dict.fromkeys(ALL[:4], (1, "antenna"))),
 }
 ROWS = [
-    pytest.param(build, command, code, told, id=f"{name}-{command}")
+    pytest.param(build, command, code, message, id=f"{name}-{command}")
     for name, (build, expected) in CASES.items()
-    for command, (code, told) in expected.items()
+    for command, (code, message) in expected.items()
 ]
 
 TEXT_ROWS = [
@@ -419,8 +419,8 @@ def test_the_sound_log_is_sound(clt, tmp_path, command):
     assert "warning" not in err
 
 
-@pytest.mark.parametrize(("build", "command", "code", "told"), ROWS)
-def test_bad_input(clt, tmp_path, build, command, code, told):
+@pytest.mark.parametrize(("build", "command", "code", "expected"), ROWS)
+def test_bad_input(clt, tmp_path, build, command, code, expected):
     path = tmp_path / "in.mcap"
     if build == FOLDER:
         path.mkdir()
@@ -428,7 +428,7 @@ def test_bad_input(clt, tmp_path, build, command, code, told):
         path.write_bytes(build(command))
     found, out, err = clt(*words_of(command))
     assert found == code, err
-    assert re.search(told, err), err
+    assert re.search(expected, err), err
     kinds = [line.split(": ")[1] for line in err.splitlines() if line.startswith("clt: ")]
     left = {name.name for name in tmp_path.iterdir()} - {"in.mcap"}
     if code == 1:
@@ -438,14 +438,14 @@ def test_bad_input(clt, tmp_path, build, command, code, told):
         assert (json.loads(out)["exit_code"] if "--json" in words_of(command) else out) in {1, ""}
     else:
         assert kinds == ["warning"] * len(kinds)
-        assert len(kinds) > 0 or told == ""
+        assert len(kinds) > 0 or expected == ""
         assert left == {word for word in words_of(command) if word.startswith("out")}
     if out != "":
         json.loads(out, parse_constant=pytest.fail)
 
 
-@pytest.mark.parametrize(("build", "command", "code", "told"), TEXT_ROWS)
-def test_bad_input_as_text(clt, tmp_path, build, command, code, told):
+@pytest.mark.parametrize(("build", "command", "code", "expected"), TEXT_ROWS)
+def test_bad_input_as_text(clt, tmp_path, build, command, code, expected):
     """What people read holds no NaN either, and ends with the same code."""
     (tmp_path / "in.mcap").write_bytes(build(command))
     found, out, err = clt(command, "in.mcap")

@@ -69,11 +69,13 @@ def test_the_command_writes_the_log_bit_for_bit(clt, tmp_path, name):
     made, kept = tmp_path / name, FOLDER / name
     if made.read_bytes() == kept.read_bytes():
         return
-    (told,) = re.findall(r"libzstd (\S+)\.\s", README)
+    (documented,) = re.findall(r"libzstd (\S+)\.\s", README)
     here = ".".join(map(str, zstandard.ZSTD_VERSION))
     assert content(made) == content(kept), f"{name}: says something else now; run `make samples`"
-    assert here != told, f"{name}: same messages, same libzstd, other bytes; run `make samples`"
-    pytest.skip(f"same messages, but bytes of libzstd {told} cannot be repeated with {here}")
+    assert here != documented, (
+        f"{name}: same messages, same libzstd, other bytes; run `make samples`"
+    )
+    pytest.skip(f"same messages, but bytes of libzstd {documented} cannot be repeated with {here}")
 
 
 def test_content_is_what_is_said_and_not_how_it_is_compressed(clt, tmp_path, monkeypatch):
@@ -88,8 +90,8 @@ def test_content_is_what_is_said_and_not_how_it_is_compressed(clt, tmp_path, mon
     assert content(a) != content(b)
 
 
-@pytest.mark.parametrize(("line", "told"), FIGURES)
-def test_figures(clt, tmp_path, line, told):
+@pytest.mark.parametrize(("line", "expected"), FIGURES)
+def test_figures(clt, tmp_path, line, expected):
     for name in COMMANDS:
         shutil.copy(FOLDER / name, tmp_path)
     clt(line)
@@ -99,7 +101,7 @@ def test_figures(clt, tmp_path, line, told):
         for part in (team["estimate"], team["dead_reckoning"])
         for value in (part["ape"]["rmse"], np.degrees(part["heading"]["rmse"]))
     ]
-    figures = np.array([float(cell) for cell in told.split("|")])
+    figures = np.array([float(cell) for cell in expected.split("|")])
     assert np.all(np.abs(figures - seen) < [0.0006, 0.06, 0.0006, 0.06]), seen
 
 

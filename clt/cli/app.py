@@ -35,7 +35,7 @@ COMMANDS = {
     ),
     "init": CommandEntry(
         "clt.cli.commands.init:init",
-        "Find the initial pose of every robot, or say why it cannot be told yet.",
+        "Find the initial pose of every robot, or say why it cannot be known yet.",
         many=".toml",
     ),
     "localize": CommandEntry(
@@ -53,7 +53,7 @@ COMMANDS = {
     ),
     "observability": CommandEntry(
         "clt.cli.commands.observability:observability",
-        "Tell what cannot be observed, in which direction, and what would change that.",
+        "Say what cannot be observed, in which direction, and what would change that.",
     ),
     "compare": CommandEntry(
         "clt.cli.commands.compare:compare",
@@ -86,7 +86,7 @@ COMMANDS = {
         "Write a first streams.toml for a foreign log, guessed from its topics and types.",
     ),
     "info": CommandEntry(
-        "clt.cli.commands.info:info", "Tell robots, pairs, rates, gaps, truth and faults of a log."
+        "clt.cli.commands.info:info", "Show robots, pairs, rates, gaps, truth and faults of a log."
     ),
     "settings": CommandEntry(
         "clt.cli.commands.settings:settings",

@@ -53,9 +53,9 @@ def check_choice(option: str, value: str, known: tuple[str, ...]) -> None:
 
 
 def read_filter_settings(
-    config: Path | Document | None, sets: list[str], told: Communication | None = None
+    config: Path | Document | None, sets: list[str], network: Communication | None = None
 ) -> FilterSettings:
-    """Settings by precedence: defaults < what the log has told < file < environment < --set."""
+    """Settings by precedence: defaults < what the log records < file < environment < --set."""
     from clt.core.settings import parse_assignments, read_toml, settings_from_environment
     from clt.model.effective_settings import effective_settings
     from clt.model.settings import FilterSettings
@@ -65,7 +65,7 @@ def read_filter_settings(
         ("environment", settings_from_environment(FilterSettings)),
         ("--set", parse_assignments(sets)),
     )
-    return effective_settings((str(config), tree), layers, told)
+    return effective_settings((str(config), tree), layers, network)
 
 
 def with_ranges(recording: Recording, console: Console) -> Recording:

@@ -32,8 +32,8 @@ def find_initial_poses(
 ) -> tuple[str, Initialization]:
     """Initial poses by one of `clt.cli.options.INIT_METHODS`, and the method that `auto` chose.
 
-    `pairwise` tells them in the frame of the `ego`, else of the first moving robot; `auto` takes
-    it in the frame of an ego with fewer than two static robots. Says which robots cannot be told;
+    `pairwise` gives them in the frame of the `ego`, else of the first moving robot; `auto` takes
+    it in the frame of an ego with fewer than two static robots. Says which cannot be located;
     those that are open are no lack where what follows has `kept` every hypothesis.
     Raises CltError where nothing can be initialized at all.
     """
@@ -112,7 +112,7 @@ def find_start(
 
     In the frame of an `ego` a file without a table for it gives relative poses; in the world one
     with the poses of some robots is completed. Whether the filter
-    has `kept` all hypotheses decides whether an open start is told as a lack.
+    has `kept` all hypotheses decides whether an open start is reported as a lack.
     Raises UsageError for a file that makes no sense, CltError where no robot can be initialized.
     """
     if isinstance(init, Document):
@@ -163,7 +163,7 @@ def warn_uncertain_robots(found: Initialization, console: Console, *, kept: bool
 
 
 def print_motion_start(found: Initialization, recording: Recording, console: Console) -> None:
-    """Say which robots start where, and which cannot be told and why."""
+    """Say which robots start where, and which cannot be located and why."""
     frame = "the surveyed positions" if found.surveyed else "ranges (Shi's convention)"
     console.say(f"initial poses: from motion, in the frame of {frame}")
     print_notes(found, console)

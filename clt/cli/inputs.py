@@ -30,7 +30,7 @@ class Inputs:
     """
 
     data: tuple[Path, ...]
-    """Read elsewhere, which also tells their digests."""
+    """Read elsewhere, which also gives their digests."""
     documents: Mapping[str, Document]
     """By role: config, calibration, streams, poses, scenario."""
 

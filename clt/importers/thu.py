@@ -116,8 +116,8 @@ def _columns(entry: Any, names: tuple[str, ...], place: str) -> list[Floats]:
     columns = [_column(entry, name, place) for name in names]
     lengths = [len(column) for column in columns]
     if len(set(lengths)) > 1:
-        told = ", ".join(f"{name} {n}" for name, n in zip(names, lengths, strict=True))
-        raise LogError(f"{place}: fields differ in length: {told}")
+        sizes = ", ".join(f"{name} {n}" for name, n in zip(names, lengths, strict=True))
+        raise LogError(f"{place}: fields differ in length: {sizes}")
     order = np.argsort(columns[0], kind="stable")
     return [column[order] for column in columns]
 
@@ -176,11 +176,11 @@ def _ranges(entries: list[Any], pairs: list[tuple[int, ...]], team: Team, mat: P
         _columns(entry, ("t", "range"), f"{mat}: range_m of pair {'-'.join(map(str, pair))}")
         for entry, pair in zip(entries, pairs, strict=True)
     ]
-    counts = [len(t) for t, _ in columns]
+    sizes = [len(t) for t, _ in columns]
     stamp = _nanoseconds(np.concatenate([t for t, _ in columns]))
     order = np.argsort(stamp, kind="stable")
     source, target = (
-        np.repeat([index[pair[end]] for pair in pairs], counts)[order] for end in (0, 1)
+        np.repeat([index[pair[end]] for pair in pairs], sizes)[order] for end in (0, 1)
     )
     raw = np.concatenate([r for _, r in columns])[order]
     return Ranges(
@@ -191,5 +191,5 @@ def _ranges(entries: list[Any], pairs: list[tuple[int, ...]], team: Team, mat: P
         range=raw,
         raw=raw,
         sigma=np.full(len(raw), np.nan),
-        sequence=np.concatenate([np.arange(n) for n in counts])[order],
+        sequence=np.concatenate([np.arange(n) for n in sizes])[order],
     )

@@ -8,8 +8,8 @@ length counts type and payload. Every payload begins with u32 ms and u8 id:
 - 3, range: u8 id of the other radio, f64 m, as the radio gave it (it reads about 0.58 m short).
 
 There is no checksum. What is no frame of these types with its length and end mark is skipped up to
-the next one that is, and told with its byte. Robots are named R<id>; whose wheels never turn, or
-who has none, is static, its position unknown. Wheels do not slip sideways: dy is not imported.
+the next one that is, and reported with its byte. Robots are named R<id>; whose wheels never turn,
+or who has none, is static, its position unknown. Wheels do not slip sideways: dy is not imported.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ def _report_skipped(faults: Faults, begin: int, end: int) -> None:
 def _report_dropped(
     faults: Faults, name: str, at: Stamps, wrong: NDArray[np.bool_], text: str
 ) -> None:
-    """Tell of frames whose content makes no sense."""
+    """Report frames whose content makes no sense."""
     for byte in at[wrong].tolist():
         faults.add(name, f"byte {byte}", f"{text}: dropped", lost=True)
 

@@ -9,9 +9,9 @@ uwb-relative-localization-dataset, whose robots have no odometry.
   step of its pose over that interval to 0.03 mm/s. Header stamps are used; odometry reaches the
   recorder 0.08 s later, ranges and truth at once.
 - A range that both ends publish (n_A/n_B and n_B/n_A, equal, within 1 ms) counts once.
-- A bag does not tell which robot carries which node. Equal numbers belong together, and if
+- A bag does not say which robot carries which node. Equal numbers belong together, and if
   one node and one robot are left (n_2 and turtle01 of the pair), those two. Ranges that the truth
-  gives the lie are told.
+  contradicts are reported.
 - A node is static if it has no odometry and its truth stands still; without truth, if all the
   others do.
 - The ranges read long, by 0.25 m in the pair: see `benchmarks/tiers_calibration.toml`.
@@ -49,7 +49,7 @@ TIERS_SIGMA_V, TIERS_SIGMA_OMEGA = 0.02, 0.012
 """Of one sample, m/s and rad/s: what makes the errors of means over 0.5 s."""
 
 MAX_MIRROR_GAP_NS = 2_000_000
-"""As far apart are the stamps of one range that both ends tell at most, ns."""
+"""As far apart are the stamps of one range that both ends report at most, ns."""
 
 
 def tiers_files(path: Path) -> tuple[Path, ...]:
@@ -58,7 +58,7 @@ def tiers_files(path: Path) -> tuple[Path, ...]:
 
 
 class TeamMember(NamedTuple):
-    """One member of the team as the topics tell it."""
+    """One member of the team as the topics name it."""
 
     name: str
     node: int | None
@@ -147,12 +147,12 @@ def _by_number(
             continue
         other = found.setdefault(int(match["number"]), match)
         if other is not match:
-            raise LogError(f"{log.name}: {other[0]} and {topic} tell the same of one robot")
+            raise LogError(f"{log.name}: {other[0]} and {topic} are of the same kind for one robot")
     return found
 
 
 def _nodes_of_robots(nodes: Collection[int], robots: Collection[int]) -> dict[int, int]:
-    """The node on each robot, by number, as far as the numbers tell."""
+    """The node on each robot, by number, as far as the numbers show."""
     node_of = {number: number for number in robots if number in nodes}
     free = [node for node in nodes if node not in node_of]
     rest = [number for number in robots if number not in node_of]

@@ -11,7 +11,7 @@ streams at common stamps. When a sample reached the recorder is not known, so lo
   the camera sits 0.06 m behind the point about which the robot turns, and drifts sideways by up
   to 4 mm/s; both are left out (dead reckoning of exp4: relative distance 0.26 m; 0.15 m with).
 - The path is 13 to 18 % too long and ranges read 0.09 m short: `benchmarks/vub_calibration.toml`.
-- exp2's tb2 jumps (heading by up to 58 degrees): such steps are told and kept.
+- exp2's tb2 jumps (heading by up to 58 degrees): such steps are reported and kept.
 """
 
 from __future__ import annotations
@@ -55,9 +55,9 @@ def vub_files(path: Path) -> tuple[Path, ...]:
     runs = sorted({file.name.partition("_")[0] for file in found})
     wanted = name.partition("_")[0] if name != "" else runs[0] if len(runs) == 1 else ""
     if wanted not in runs:
-        told = ", ".join(runs) or "none of its files (expN_uwb.csv)"
+        present = ", ".join(runs) or "none of its files (expN_uwb.csv)"
         which = "give one experiment, as FOLDER/NAME" if name == "" else f"no experiment `{wanted}`"
-        raise LogError(f"{folder}: {which}; it has: {told}")
+        raise LogError(f"{folder}: {which}; it has: {present}")
     return tuple(file for file in found if file.name.partition("_")[0] == wanted)
 
 

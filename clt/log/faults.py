@@ -9,7 +9,7 @@ from clt.core.printable import printable_name as shown
 from clt.core.recording import Fault
 
 MAX_FAULTS_OF_A_KIND = 3
-"""As many faults of one kind are told one by one."""
+"""As many faults of one kind are listed one by one."""
 
 
 @dataclass

@@ -164,8 +164,8 @@ def test_every_command_refuses_unknown_variables_alike(clt, tmp_path, name, vari
         "export": ["in", "--format", "tum", "-o", "out"],
     }.get(name, ["in", "-o", "out"])
     done = clt(name, *words, **{variable: "1"})
-    told = f"clt: error: environment variable {variable}: unknown key{hint}\n"
-    assert (done.exit_code, done.stdout, done.stderr) == (2, "", told)
+    expected = f"clt: error: environment variable {variable}: unknown key{hint}\n"
+    assert (done.exit_code, done.stdout, done.stderr) == (2, "", expected)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -227,9 +227,9 @@ def test_a_closed_standard_error(result):
 def test_with_json_an_error_is_an_object_too(clt, words, code):
     """Its text is that of the line on standard error."""
     done = clt(*words)
-    told = json.loads(done.stdout)
-    assert (done.exit_code, told["exit_code"]) == (code, code)
-    assert done.stderr == f"clt: error: {told['error']}\n"
+    printed = json.loads(done.stdout)
+    assert (done.exit_code, printed["exit_code"]) == (code, code)
+    assert done.stderr == f"clt: error: {printed['error']}\n"
 
 
 def test_an_error_of_an_algorithm_names_the_log(result, monkeypatch):

@@ -99,8 +99,8 @@ def test_no_input_is_overwritten_even_with_force(clt, line):
     before = {path.name: path.read_bytes() for path in Path().iterdir()}
     code, out, err = clt(f"{line} --force")
     name = line.split(" -o ")[1].split()[0]
-    told = f"clt: error: {name}: is also an input; choose another output\n"
-    assert (code, err) == (1, told)
+    expected = f"clt: error: {name}: is also an input; choose another output\n"
+    assert (code, err) == (1, expected)
     assert (out != "") == ("--json" in line)
     assert {path.name: path.read_bytes() for path in Path().iterdir()} == before
 
@@ -136,17 +136,17 @@ def test_the_calibration_of_the_team_survives_a_second_run(clt):
     recording = load(Path("h.mcap")).recording
     with Path("calibrated.mcap").open("wb") as file:
         save(file, apply_calibration(recording, calibration), {})
-    told = {"range": {"gain": 1.0, "offset": 0.25}, "odometry": {"R3": {"scale": 1.5}}}
+    expected = {"range": {"gain": 1.0, "offset": 0.25}, "odometry": {"R3": {"scale": 1.5}}}
     assert "calibration" not in team("h.mcap")
-    assert json.loads(team("calibrated.mcap")["calibration"]) == told
+    assert json.loads(team("calibrated.mcap")["calibration"]) == expected
     assert clt("localize calibrated.mcap --init truth -o out.mcap")[0] in {0, 3}
-    assert json.loads(team("out.mcap")["calibration"]) == told
-    # A second application takes the first one back, whichever record tells of it.
+    assert json.loads(team("out.mcap")["calibration"]) == expected
+    # A second application takes the first one back, whichever record names it.
     again = apply_calibration(load(Path("calibrated.mcap")).recording, calibration)
     assert again.odometry["R3"].v == pytest.approx(1.5 * recording.odometry["R3"].v)
     line = "localize h.mcap --init truth --calibration cal.toml -o direct.mcap"
     assert clt(line)[0] in {0, 3}
-    assert json.loads(team("direct.mcap")["calibration"]) == told
+    assert json.loads(team("direct.mcap")["calibration"]) == expected
 
 
 def team(name):
@@ -158,7 +158,7 @@ def team(name):
     )
 
 
-def test_what_the_team_tells_of_the_calibration_goes_before_the_run(clt):
+def test_what_the_team_records_of_the_calibration_goes_before_the_run(clt):
     recording = replace(
         load(Path("h.mcap")).recording, run={"calibration": '{"range":{"gain":0.9}}'}
     )
@@ -186,8 +186,8 @@ def test_a_document_may_be_a_pipe(clt):
     assert code in {0, 3}, err
     run = load(Path("out.mcap")).recording.run
     assert json.loads(run["config"])["gate"] == 7.0
-    told = json.loads(run["inputs"])[f"/dev/fd/{inside}"]
-    assert told == hashlib.sha256(b"gate = 7\n").hexdigest()
+    printed = json.loads(run["inputs"])[f"/dev/fd/{inside}"]
+    assert printed == hashlib.sha256(b"gate = 7\n").hexdigest()
     assert travelling("out.mcap")["config.toml"] == b"gate = 7\n"
 
 
@@ -214,7 +214,7 @@ def test_a_failed_report_leaves_no_file(clt):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "expected"),
     [
         ("evaluate out.mcap --max-gap inf", "--max-gap inf: give seconds, from 0 to 1e+09"),
         ("evaluate out.mcap --max-gap 1e300", "--max-gap 1e+300: give seconds"),
@@ -230,10 +230,10 @@ def test_a_failed_report_leaves_no_file(clt):
         ("localize h.mcap -o x.mcap --set initial.sigma=[1e200,1,1]", "`initial.sigma.0`: must be"),
     ],
 )
-def test_absurd_values_are_refused_in_one_line(clt, words, told):
+def test_absurd_values_are_refused_in_one_line(clt, words, expected):
     code, out, err = clt(words)
     assert (code, out, err.count("\n")) == (2, "", 1)
-    assert told in err
+    assert expected in err
 
 
 def test_the_largest_values_that_are_accepted_work(clt):

@@ -209,7 +209,7 @@ def test_lists_are_shortened_with_a_count():
     assert "no range touches A, B, C and 2 more:" in diagnostic_text(few)
     directions = {"directions": list("abcde"), "remedies": []}
     line = diagnostic_text(Diagnostic("unobservable", values=directions))
-    assert line == "ranges cannot tell a, b, c, d and 1 more: such errors never shrink"
+    assert line == "ranges cannot observe a, b, c, d and 1 more: such errors never shrink"
 
 
 def test_a_severity_decides_stream_and_exit_code(capsys):

@@ -42,7 +42,7 @@ def seen(rank, position, heading, words):
     )  # fmt: skip
 
 
-def test_a_rank_that_varies_is_told_from_low_to_high():
+def test_a_rank_that_varies_is_printed_from_low_to_high():
     one = seen([3, 1, 2], [0.1, 0.3, np.inf], [0.02, 0.04, 0.03], ["x", "y", "y"])
     assert rank_text(one) == "1 .. 3"
     text = robot_windows_text(one)

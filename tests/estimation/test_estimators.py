@@ -184,7 +184,7 @@ def test_a_robot_without_initial_pose_is_left_out_and_named():
     assert ends == {recording.team.index(name) for name in ("S2", "R1", "R2")}
 
 
-def test_nobody_left_is_an_error_that_tells_why():
+def test_nobody_left_is_an_error_that_says_why():
     recording = team_recording(seconds=2.0)
     start = from_truth(recording, SIGMA)
     with pytest.raises(CltError, match="R1 moves but has no odometry"):
@@ -268,10 +268,10 @@ def test_dead_reckoning_along_a_line_is_as_uncertain_as_the_integral_of_its_nois
     """Along: sigma_v^2 T t. Heading: sigma_omega^2 T t. Across: v^2 sigma_omega^2 T t^3 / 3."""
     period, n, v = 50_000_000, 400, 0.7
     stamp = 10**18 + period * np.arange(1, n + 1)
-    told = np.full(n, np.nan)
+    sigma = np.full(n, np.nan)
     recording = Recording(
         Team((Robot("R1", 1, sigma_v=0.2, sigma_omega=0.01),)),
-        {"R1": Odometry(stamp, stamp, np.full(n, v), np.zeros(n), told, told)},
+        {"R1": Odometry(stamp, stamp, np.full(n, v), np.zeros(n), sigma, sigma)},
     )
     heading = 0.6
     given = {"R1": {"x": 1.0, "y": 2.0, "heading": heading, "sigma": [0.0, 0.0, 0.0]}}
@@ -359,7 +359,7 @@ def test_slow_odometry_does_not_hide_the_ranges_between():
     assert np.hypot(*errors(recording, posterior.poses["R3"], "R3")[:, :2].T).max() < 0.5
 
 
-def test_ranges_after_the_odometry_are_told():
+def test_ranges_after_the_odometry_are_reported():
     recording = team_recording(seconds=10.0)
     short = {
         name: replace(stream, **{

@@ -6,7 +6,7 @@ Each change (another comparison, sign, number, argument order; a statement left 
 copy of the project, where tests run until the first one fails: those of that room, the ones that
 import the changed module before all others, and tests of other rooms that import it, too. Words of
 errors are not changed. Some of what no test notices changes nothing that matters, which only a
-reader can tell. Takes about a minute for each change of a kernel, as it has to be compiled. With
+reader can see. Takes about a minute for each change of a kernel, as it has to be compiled. With
 `--near` only tests that import the changed module run: quicker, and less may be noticed.
 """
 

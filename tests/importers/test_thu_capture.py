@@ -184,8 +184,8 @@ def test_real_capture(real: Recording) -> None:
     assert real.odometry == {}
     assert len(real.ranges.raw) == 97897
     assert np.ptp(real.ranges.stamp) * 1e-9 == pytest.approx(163.16, abs=0.01)
-    told = [fault.text.split(": ", 1)[1] for fault in real.faults]
-    assert told == [
+    faults = [fault.text.split(": ", 1)[1] for fault in real.faults]
+    assert faults == [
         "byte 44: 34 bytes are no frame: skipped",
         "byte 3446028: 15 bytes are no frame: skipped",
     ]

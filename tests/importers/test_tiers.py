@@ -122,7 +122,7 @@ def test_split_bag(tmp_path):
         read_tiers(folder)
 
 
-def test_a_range_that_both_ends_tell_counts_once(tmp_path):
+def test_a_range_that_both_ends_report_counts_once(tmp_path):
     topics = streams()
     same = [(at + 40_000, values) for at, values in topics[PAIR[0]]]
     same[3] = (same[3][0], (9.0,))
@@ -153,7 +153,7 @@ def test_robots_without_odometry(tmp_path):
     assert [r.static for r in driving.robots] == [True, False, False]
 
 
-def test_nodes_and_robots_whose_numbers_do_not_tell(tmp_path):
+def test_nodes_and_robots_whose_numbers_say_nothing(tmp_path):
     """Two nodes, neither with a robot's number: nobody is paired."""
     topics = {name.replace("n_3", "n_7"): rows for name, rows in streams().items()}
     team = read_tiers(write_bag(tmp_path / "bag", topics)).team
@@ -165,7 +165,7 @@ def test_nodes_and_robots_whose_numbers_do_not_tell(tmp_path):
     ]
 
 
-def test_a_node_on_another_robot_is_told_by_the_truth(tmp_path):
+def test_a_node_on_another_robot_is_found_by_the_truth(tmp_path):
     """Three robots; what is called n_1 rides on turtlebot2, and the other way around."""
     place = {"1": (0.0, 0.0), "2": (4.0, 0.0), "3": (4.0, 1.0)}
     topics = {
@@ -191,8 +191,8 @@ def test_command(tmp_path):
     words = ["import", "tiers", str(path.parent), "-o", str(out), "--calibration", str(calibration)]
     result = CliRunner().invoke(app, [*words, "--json"])
     assert result.exit_code == 0
-    told = json.loads(result.stdout)
-    assert (told["format"], told["calibrated"], told["ranges"]) == ("tiers", True, 100)
+    printed = json.loads(result.stdout)
+    assert (printed["format"], printed["calibrated"], printed["ranges"]) == ("tiers", True, 100)
     recording = load(out).recording
     direct = read_tiers(path)
     assert recording.team == direct.team
@@ -210,7 +210,7 @@ def test_command(tmp_path):
         ({PAIR[0]: []}, "no ranges (/uwb/tof/n_A/n_B/distance)"),
         ({"/uwb/tof/n_4/n_4/distance": every(1.0, 2, 1.0)}, "not a range between two nodes"),
         ({"/uwb/tof/n_4/n_70000/distance": every(1.0, 2, 1.0)}, "below 65536"),
-        ({"/turtlebot1/odom": every(1.0, 2, 0.0, 0.0)}, "tell the same of one robot"),
+        ({"/turtlebot1/odom": every(1.0, 2, 0.0, 0.0)}, "are of the same kind for one robot"),
     ],
 )
 def test_topics_that_make_no_team(tmp_path, change, said):
@@ -343,10 +343,10 @@ def test_calibration_of_the_real_run(real):
     turn = wrap_angle(np.diff(pose[:, 2]))
     middle = pose[:-1, 2] + 0.5 * turn
     step = np.cos(middle) * np.diff(pose[:, 0]) + np.sin(middle) * np.diff(pose[:, 1])
-    told = odometry.v[found][1:] * np.diff(odometry.stamp[found]) * 1e-9
-    true, told = (np.add.reduceat(values, ends[:-1])[:-1] for values in (step, told))
+    odometric = odometry.v[found][1:] * np.diff(odometry.stamp[found]) * 1e-9
+    true, odometric = (np.add.reduceat(values, ends[:-1])[:-1] for values in (step, odometric))
     scale = calibration.odometry["turtle01"].scale
-    assert (true @ told) / (told @ told) == pytest.approx(scale, abs=0.002)
+    assert (true @ odometric) / (odometric @ odometric) == pytest.approx(scale, abs=0.002)
 
 
 @pytest.mark.parametrize(("name", "count", "static"), [("test1", 8007, 8), ("test3", 14784, 2)])

@@ -129,7 +129,7 @@ def test_missing_streams(tmp_path):
         read_vub(tmp_path)
 
 
-def test_jumps_are_told_and_kept(tmp_path):
+def test_jumps_are_reported_and_kept(tmp_path):
     experiment(tmp_path)
     x, y, heading = circle(0.2, 0.5)
     write(
@@ -245,9 +245,9 @@ def test_calibration_of_the_real_run():
     spread = 1.4826 * np.median(np.abs(error))
     assert spread == pytest.approx(recording.team.range_sigma, abs=0.005)
     for name in ("tb2", "tb3"):
-        true, told = speeds(recording, name)
+        true, odometric = speeds(recording, name)
         scale = calibration.odometry[name].scale
-        assert (true @ told) / (told @ told) == pytest.approx(scale, abs=0.002)
+        assert (true @ odometric) / (odometric @ odometric) == pytest.approx(scale, abs=0.002)
         turn = wrap_angle(np.diff(recording.truth[name].heading)) / 0.1
         assert abs(np.mean(recording.odometry[name].omega - turn)) < 1.5e-4
 

@@ -99,13 +99,13 @@ def package(tmp_path):
 def run(package: Path, cache: Path | None, module: str = "cores.main", **more: str) -> str:
     """What a process says; by default it keeps machine code beside the sources or at home."""
     home = str(package.parent / "home")
-    told = {} if cache is None else {"NUMBA_CACHE_DIR": str(cache)}
+    own_cache = {} if cache is None else {"NUMBA_CACHE_DIR": str(cache)}
     homes = dict.fromkeys(("HOME", "XDG_CACHE_HOME", "LOCALAPPDATA"), home)
     kept = {name: text for name, text in os.environ.items() if not name.startswith("NUMBA_")}
     done = subprocess.run(
         [sys.executable, "-W", "error", "-m", module],
         cwd=package.parent,
-        env=kept | told | homes | {"PYTHONDONTWRITEBYTECODE": "1"} | more,
+        env=kept | own_cache | homes | {"PYTHONDONTWRITEBYTECODE": "1"} | more,
         capture_output=True,
         text=True,
         check=False,

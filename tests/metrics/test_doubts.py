@@ -1,4 +1,4 @@
-"""What an evaluation says it could not tell."""
+"""What an evaluation says it could not find."""
 
 from __future__ import annotations
 

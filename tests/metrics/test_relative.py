@@ -208,12 +208,12 @@ def test_command(through, make):
     side = data["robots"]["R2"]
     assert side["estimate"]["ape"]["rmse"] == pytest.approx(0.5 if make is ego_log else 0.1)
     assert side["dead_reckoning"]["ape"]["rmse"] == pytest.approx(1.0)
-    told = CliRunner().invoke(app, ["evaluate", str(path)])
-    assert told.exit_code == 0
-    assert "Distance error of relative poses (m), align none" in told.stdout
-    assert egos[0] in told.stdout
-    assert "dead reckoning" in told.stdout
-    assert ("R2 in R1" in told.stdout) == (make is mutual_log)
+    done = CliRunner().invoke(app, ["evaluate", str(path)])
+    assert done.exit_code == 0
+    assert "Distance error of relative poses (m), align none" in done.stdout
+    assert egos[0] in done.stdout
+    assert "dead reckoning" in done.stdout
+    assert ("R2 in R1" in done.stdout) == (make is mutual_log)
 
 
 def test_names_in_a_picture(through):
@@ -312,7 +312,7 @@ def test_leading_slash_of_a_frame(through):
 
 
 def test_mirror_image_on_the_axis_of_the_ego(through):
-    """R2 keeps its place, and one place can be turned onto any other: no alignment tells this."""
+    """R2 keeps its place, and one place can be turned onto any other: no alignment shows this."""
     recording = ego_log()
     estimate = {"R2": track("R1/base_link", (3.0, -4.0, -np.pi / 2), 20.0)}
     evaluation = evaluate(through(replace(recording, estimate=estimate))[0])

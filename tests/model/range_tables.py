@@ -25,8 +25,8 @@ def ranges(rows, sigma=np.nan):
     """(stamp, source, target, range) per row."""
     stamp, source, target = (np.array([row[k] for row in rows], np.int64) for k in range(3))
     value = np.array([row[3] for row in rows], float)
-    told = np.broadcast_to(np.asarray(sigma, float), value.shape)
-    return Ranges(stamp, stamp, source, target, value, value, told, np.arange(stamp.size))
+    sigmas = np.broadcast_to(np.asarray(sigma, float), value.shape)
+    return Ranges(stamp, stamp, source, target, value, value, sigmas, np.arange(stamp.size))
 
 
 def table_of(measured, noise=QUIET, start=0, end=100, state=None):

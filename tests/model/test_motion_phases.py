@@ -84,22 +84,22 @@ def test_a_gap_ends_a_phase():
     assert found[1].begin == 3 * SECOND
 
 
-def test_too_few_samples_tell_nothing():
+def test_too_few_samples_say_nothing():
     odometry = drive(0, (0.2, 0.0, 0.0))
     assert not standstill_samples(odometry, NOISE).any()
     assert find_phases(straight_samples(odometry, NOISE), odometry, 0.0) == []
 
 
-def test_noise_is_told_or_measured():
+def test_noise_is_given_or_measured():
     odometry = drive(3, (20.0, 0.4, 0.1))
-    told = estimate_odometry_noise(
+    given = estimate_odometry_noise(
         odometry, Robot("R1", 1), NoiseSettings(sigma_v=0.7, sigma_omega=0.3)
     )
-    assert told == (0.7, 0.3)
-    known = estimate_odometry_noise(
+    assert given == (0.7, 0.3)
+    given = estimate_odometry_noise(
         odometry, Robot("R1", 1, sigma_v=0.2, sigma_omega=0.4), NoiseSettings()
     )
-    assert known == (0.2, 0.4)
+    assert given == (0.2, 0.4)
     found = estimate_odometry_noise(odometry, Robot("R1", 1), NoiseSettings())
     assert found.v == pytest.approx(0.1, rel=0.2)
     assert found.omega == pytest.approx(0.05, rel=0.2)

@@ -119,7 +119,7 @@ def test_both_directions_of_a_pair_share_its_correlation():
     np.testing.assert_allclose(table.variance, 0.01)
 
 
-def test_the_log_tells_the_correlation_unless_the_user_does():
+def test_the_log_gives_the_correlation_unless_the_user_does():
     measured = ranges([(k * 10 * MS, 2, 3, 1.0) for k in range(1, 9)])
     team = replace(TEAM, range_correlation=0.05)
 
@@ -152,7 +152,7 @@ def test_a_sigma_of_any_size_leaves_a_finite_variance():
 
 
 @pytest.mark.parametrize("tau", [0.02, 0.1, 0.5])
-def test_correlated_ranges_tell_as_much_as_their_mean(tau):
+def test_correlated_ranges_inform_as_much_as_their_mean(tau):
     """The variance of the mean of n correlated errors is that of n white ones, so widened."""
     n, dt = 20_000, 0.01
     lag = np.arange(n)

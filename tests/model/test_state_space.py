@@ -39,7 +39,7 @@ def blocks(poses, space):
 @pytest.mark.parametrize("space", [EGO, MUTUAL, world_state_space(3)])
 @given(POSES, TWIST, st.floats(0.0, 1.0))
 @settings(deadline=None, max_examples=40)
-def test_every_frame_tells_of_the_same_motion(space, poses, twist, dt):
+def test_every_frame_describes_the_same_motion(space, poses, twist, dt):
     x = blocks(poses, space)
     moved = poses.copy()
     for d in range(space.first.size - 1):

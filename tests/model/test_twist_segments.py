@@ -32,8 +32,8 @@ def odometry(stamp, v, omega=None, sigma=np.nan):
     stamp = np.asarray(stamp, np.int64)
     v = np.broadcast_to(np.asarray(v, float), stamp.shape)
     omega = 0.1 * v if omega is None else np.broadcast_to(np.asarray(omega, float), stamp.shape)
-    told = np.full(stamp.size, sigma)
-    return Odometry(stamp, stamp, v, omega, told, told)
+    sigmas = np.full(stamp.size, sigma)
+    return Odometry(stamp, stamp, v, omega, sigmas, sigmas)
 
 
 def durations(segments, begin):
@@ -47,10 +47,10 @@ def random_odometry(seed, size):
 
 
 def test_the_first_known_choice_counts():
-    told = np.array([1.0, np.nan, np.nan])
-    np.testing.assert_array_equal(first_known(None, told, 2.0, size=3), [1.0, 2.0, 2.0])
-    np.testing.assert_array_equal(first_known(3.0, told, size=3), [3.0, 3.0, 3.0])
-    np.testing.assert_array_equal(first_known(None, told, np.nan, size=3), told)
+    known = np.array([1.0, np.nan, np.nan])
+    np.testing.assert_array_equal(first_known(None, known, 2.0, size=3), [1.0, 2.0, 2.0])
+    np.testing.assert_array_equal(first_known(3.0, known, size=3), [3.0, 3.0, 3.0])
+    np.testing.assert_array_equal(first_known(None, known, np.nan, size=3), known)
 
 
 def test_means_stay_and_instants_are_averaged():
@@ -154,7 +154,7 @@ def test_a_gap_is_bridged_by_the_mean_with_a_wide_error():
     assert np.sum(segments.v * durations(segments, 0)) == pytest.approx(0.2 + 1.2 + 0.4)
 
 
-def test_a_gap_before_the_start_is_not_told():
+def test_a_gap_before_the_start_is_not_reported():
     early = 50 * MS * np.arange(1, 11)
     sampled = odometry(np.append(early, early + 2500 * MS), 0.4)
     _, notes = robot_segments(sampled, ROBOT, QUIET, 2600 * MS, int(sampled.stamp[-1]))
@@ -176,17 +176,17 @@ def test_a_single_sample_moves_nothing_before_its_stamp():
     assert np.isfinite(segments.var_v).all()
 
 
-def test_noise_nobody_tells_is_assumed_and_said():
+def test_noise_nobody_gives_is_assumed_and_said():
     sampled = odometry([50 * MS, 100 * MS], 1.0)
     segments, notes = robot_segments(sampled, ROBOT, NoiseSettings(), 0, 100 * MS)
     assert len(notes) == 1
     assert (
-        "does not tell the odometry noise of R1: assumed 0.1 m/s and 0.1 rad/s" in texts(notes)[0]
+        "does not give the odometry noise of R1: assumed 0.1 m/s and 0.1 rad/s" in texts(notes)[0]
     )
     np.testing.assert_allclose(segments.var_v, DEFAULT_SIGMA_V**2)
     for known in (replace(ROBOT, sigma_v=0.3, sigma_omega=0.2), ROBOT):
-        told = odometry([50 * MS, 100 * MS], 1.0, sigma=0.7 if known is ROBOT else np.nan)
-        segments, notes = robot_segments(told, known, NoiseSettings(), 0, 100 * MS)
+        recorded = odometry([50 * MS, 100 * MS], 1.0, sigma=0.7 if known is ROBOT else np.nan)
+        segments, notes = robot_segments(recorded, known, NoiseSettings(), 0, 100 * MS)
         assert notes == ()
         np.testing.assert_allclose(segments.var_v, 0.49 if known is ROBOT else 0.09)
 

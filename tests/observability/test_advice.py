@@ -32,7 +32,7 @@ def test_a_team_with_two_anchors_needs_no_advice():
     assert advise(recording()) == ()
 
 
-def test_one_anchor_is_too_few_and_the_remedy_is_told():
+def test_one_anchor_is_too_few_and_the_remedy_is_said():
     (line,) = texts(advise(recording(static=1)))
     assert "rotation about static robot R1" in line
     assert "a second static robot of known position" in line
@@ -77,7 +77,7 @@ def test_initial_poses_settle_mirror_images():
         ({"kind": "wander"}, Motion.FREE),
     ],
 )
-def test_motion_is_told_from_noisy_odometry(kind, motion):
+def test_motion_is_known_from_noisy_odometry(kind, motion):
     for seed in range(5):
         assert motion_of(recording(kind=kind, seed=seed), "R3") is motion
 

@@ -58,7 +58,7 @@ def test_sigma_is_true(method, keys):
     assert 0.9 < ratio < 1.1
 
 
-def test_correlation_time_tells_how_much_means_are_worth():
+def test_correlation_time_shows_how_much_means_are_worth():
     recording = network(60.0)
     found = range_packets(recording, "clock")
     ranges = found.recording.ranges

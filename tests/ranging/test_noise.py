@@ -24,7 +24,7 @@ SIGMAS = (400e-12, 800e-12)
 
 
 def network(packets, step=0.01, uneven=False):
-    """Two robots in turn; each tells of every packet of the other one, with noise of its own."""
+    """Two robots in turn; each reports every packet of the other one, with noise of its own."""
     rng, n = np.random.default_rng(1), 2 * packets
     period = round(step / SECONDS_PER_TICK)
     sent = np.arange(n) * (period // 2)
@@ -40,7 +40,7 @@ def network(packets, step=0.01, uneven=False):
     return LinkedPackets(source, sent, received, row)
 
 
-def test_enough_packets_tell_the_noise_of_each_link():
+def test_enough_packets_show_the_noise_of_each_link():
     # Of n receptions there are n - 2 second differences.
     found = stamp_variance(network(MIN_LINK_DIFFERENCES + 500))
     np.testing.assert_allclose(found[0, 1], SIGMAS[0] ** 2 + TICK_VARIANCE, rtol=0.15)
@@ -65,7 +65,7 @@ def test_few_packets_share_one_noise_and_very_few_are_taken_as_usual():
     np.testing.assert_allclose(given, 4e-20 + TICK_VARIANCE)
 
 
-def test_packets_that_come_unevenly_or_seldom_tell_nothing():
+def test_packets_that_come_unevenly_or_seldom_say_nothing():
     usual = DEFAULT_STAMP_SIGMA_S**2 + TICK_VARIANCE
     for made in (network(200, uneven=True), network(200, step=1.01 * MAX_PACKET_INTERVAL_S)):
         np.testing.assert_allclose(stamp_variance(made), usual)

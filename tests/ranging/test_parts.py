@@ -122,13 +122,13 @@ def test_noise_counts_in_full_and_motion_in_part():
 
 
 def linked(source, sequence, heard, stamp=None):
-    """Rows of the packets that each packet tells to have received, of two robots."""
+    """Rows of the packets that each packet reports as received, of two robots."""
     source, sequence = np.array(source), np.array(sequence)
     heard = np.array(heard)
     stamp = np.arange(source.size) * 1_000_000 if stamp is None else np.array(stamp)
     row = np.full(heard.shape, -1)
-    known, told = np.full((2, REMEMBERED_PACKETS), -1), np.full((2, 2), -1)
-    link_receptions(source, sequence, stamp, heard, row, known, told)
+    known, received = np.full((2, REMEMBERED_PACKETS), -1), np.full((2, 2), -1)
+    link_receptions(source, sequence, stamp, heard, row, known, received)
     return row.tolist()
 
 

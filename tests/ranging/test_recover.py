@@ -126,7 +126,7 @@ def test_the_variance_of_smoothed_errors(rho):
         assert found[n - 1] == pytest.approx(falling @ rho ** lag.astype(float) @ falling)
 
 
-def test_smoothing_is_told_by_the_pair_with_the_most_ranges():
+def test_smoothing_is_found_by_the_pair_with_the_most_ranges():
     recording = network(4.0, trajectory={"kind": "stand"})
     plain = range_packets(recording, "clock")
     ranges, tau = plain.recording.ranges, plain.correlation_time

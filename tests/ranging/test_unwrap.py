@@ -62,7 +62,7 @@ def test_receptions_are_linked_to_their_packets():
 @pytest.mark.parametrize(
     ("rows", "why"),
     [
-        ([(0, 0, 5, {}), (1, 1, 9, {0: 5}), (2, 1, 10, {0: 5})], "told before"),
+        ([(0, 0, 5, {}), (1, 1, 9, {0: 5}), (2, 1, 10, {0: 5})], "reported before"),
         ([(0, 0, 5, {}), (1, 1, 9, {0: 5}), (2, 1, 10, {0: 4})], "never heard by the listener"),
         ([(0, 0, 5, {}), (1, 1, 9, {0: 5}), (2, 1, 10, {0: 5 + 256})], "another turn of memory"),
         ([(0, 0, 5, {}), (1, 0, 6, {}), (9000, 1, 10, {0: 5})], "too old"),

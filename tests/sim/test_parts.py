@@ -67,7 +67,7 @@ def test_a_short_time_holds_no_frame():
     assert schedule_packets(Radio(rate=50.0), 3, 0.023).shape == (1, 3)
 
 
-def test_packets_tell_of_those_before_them_in_their_frame_else_of_the_frame_before():
+def test_packets_report_those_before_them_in_their_frame_else_of_the_frame_before():
     """Three frames of two robots, robot 1 after robot 0; one packet is not heard."""
     stamps = np.arange(12).reshape(3, 2, 2)
     heard = np.ones((3, 2, 2), np.bool_)

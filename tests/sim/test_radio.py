@@ -62,7 +62,7 @@ def test_robots_send_in_turn_on_the_grid():
     assert late.max() <= 1 + 1e9 * TRANSMIT_GRID_TICKS / TICKS_PER_SECOND
 
 
-def test_a_packet_tells_what_came_since_the_one_before():
+def test_a_packet_reports_what_came_since_the_one_before():
     found = frames()
     for k in range(5, 50):
         earlier = found.sequence[k] - (np.arange(5) > found.source[k])

@@ -77,6 +77,6 @@ def test_a_lost_range_keeps_its_number():
     whole = simulate(scenario(duration=20.0)).ranges
     number = {(t, a, b): n for t, a, b, n in zip(whole.stamp, whole.source, whole.target,
                                                  whole.sequence, strict=True)}  # fmt: skip
-    told = [number[t, a, b] for t, a, b in zip(lossy.stamp, lossy.source, lossy.target,
-                                               strict=True)]  # fmt: skip
-    np.testing.assert_array_equal(lossy.sequence, told)
+    expected = [number[t, a, b] for t, a, b in zip(lossy.stamp, lossy.source, lossy.target,
+                                                   strict=True)]  # fmt: skip
+    np.testing.assert_array_equal(lossy.sequence, expected)

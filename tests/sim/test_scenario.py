@@ -156,8 +156,8 @@ def test_effective_toml_is_the_scenario(overrides, tmp_path):
 
 def test_an_imperfection_is_written_out_where_a_scenario_has_it():
     keys = {"network.clock_sd": 0.009, "sensors.odometry.gaps": {"share": 0.1}}
-    told = effective_toml(load_scenario("shi-sim", keys))
-    assert "clock_sd = 0.009" in told
-    assert "[sensors.odometry.gaps]" in told
-    assert "batch" not in told
+    written = effective_toml(load_scenario("shi-sim", keys))
+    assert "clock_sd = 0.009" in written
+    assert "[sensors.odometry.gaps]" in written
+    assert "batch" not in written
     assert "gaps" not in effective_toml(load_scenario("shi-sim"))

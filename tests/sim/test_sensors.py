@@ -43,7 +43,7 @@ def test_instants_do_not_equal_means():
     assert abs(instant.v - mean.v).max() > 0.01
 
 
-def test_instants_are_told_and_are_the_truth_at_the_stamp():
+def test_instants_are_recorded_and_are_the_truth_at_the_stamp():
     perfect = simulate_exact(
         scenario(
             sensors__odometry__twist="instant", trajectory__kind="circle",
@@ -55,7 +55,7 @@ def test_instants_are_told_and_are_the_truth_at_the_stamp():
     np.testing.assert_allclose(perfect.odometry["R3"].omega, 0.2, atol=1e-9)
 
 
-def test_odometry_noise_is_white_and_as_wide_as_told():
+def test_odometry_noise_is_white_and_as_wide_as_recorded():
     noisy, perfect = simulate(scenario()), simulate_exact(scenario())
     assert len(noisy.odometry) >= 2
     for name in noisy.odometry:

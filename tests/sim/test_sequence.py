@@ -75,7 +75,7 @@ def test_no_room():
         driven("shi-sim", trajectory={"kind": "sequence", "phases": [stand, long]})
 
 
-def test_the_log_of_shi_three_tells_what_the_paper_s_did():
+def test_the_log_of_shi_three_holds_what_the_paper_s_did():
     recording = simulate(load_scenario("shi-three", {"duration": 12.0}))
     assert [robot.position for robot in recording.team.static] == [None, None]
     assert len(recording.team.moving) == 1

@@ -29,7 +29,7 @@ def test_made_up_positions_leave_the_line_of_the_given_ones(given):
     assert np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] > 0.5
 
 
-def test_unknown_positions_are_not_told():
+def test_unknown_positions_are_not_recorded():
     assert {robot.position for robot in team(team__known=False).static} == {None}
 
 

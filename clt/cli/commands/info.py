@@ -22,7 +22,7 @@ def info(
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
 ) -> int:
-    """Tell robots, pairs, rates, gaps, truth and faults of a log.
+    """Show robots, pairs, rates, gaps, truth and faults of a log.
 
     Examples:
       clt info run.mcap

@@ -1,4 +1,4 @@
-"""`clt init`: where every robot starts, how sure that is, and which cannot be told."""
+"""`clt init`: where every robot starts, how sure that is, and which cannot be known."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ UNCERTAIN_POSE_COMMENT = """\
 """
 WIDENED_SIGMA_COMMENT = """\
 # sigma is {factor:g} times the standard deviation that `clt init` prints: the filter will see the
-# same ranges again, and would otherwise count what they tell twice.
+# same ranges again, and would otherwise count what they say twice.
 """
 
 
@@ -71,7 +71,7 @@ def init(
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
 ) -> int:
-    """Find the initial pose of every robot, or say why it cannot be told yet.
+    """Find the initial pose of every robot, or say why it cannot be known yet.
 
     Examples:
       clt init log.mcap
@@ -202,8 +202,8 @@ def poses_toml(method: str, found: Initialization, still: set[str]) -> str:
         x, y, heading = (float(value) for value in pose.mean)
         sigma = [float(value) for value in pose.covariance.diagonal().clip(0.0) ** 0.5]
         unknown = name in still and is_heading_unknown(pose.covariance[2, 2])
-        told = {} if unknown else {"heading": heading}
-        tables[name] = {"x": x, "y": y, **told, "sigma": sigma}
+        known = {} if unknown else {"heading": heading}
+        tables[name] = {"x": x, "y": y, **known, "sigma": sigma}
     widened = WIDENED_SIGMA_COMMENT.format(factor=found.again) if found.again != 1.0 else ""
     unsure = "".join(
         UNCERTAIN_POSE_COMMENT.format(

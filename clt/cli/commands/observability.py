@@ -1,4 +1,4 @@
-"""`clt observability`: what ranges and odometry can tell, before and along a run."""
+"""`clt observability`: what ranges and odometry can observe, before and along a run."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def observability(
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
 ) -> int:
-    """Tell what cannot be observed, in which direction, and what would change that.
+    """Say what cannot be observed, in which direction, and what would change that.
 
     Of a team, by the rank of its observability matrix; of a log, also window by window.
 
@@ -115,11 +115,11 @@ def observability(
         "--parallel": parallel,
         "--in-line": in_line,
     }
-    told = {"--moving": moving, "--static": static, "--known": known}
+    counts = {"--moving": moving, "--static": static, "--known": known}
     if log is None:
         given = {"-o": output, "--streams": streams, "--set": sets or None}
         refuse_options(given | {"--from": since, "--to": until}, "need a LOG")
-        analysis = analyse(setup_from_options(told, frame, conditions))
+        analysis = analyse(setup_from_options(counts, frame, conditions))
         if as_json:
             document = {**analysis.as_dict(), "diagnostics": console.diagnostics}
             print(json.dumps(document, allow_nan=False, indent=1))
@@ -127,7 +127,7 @@ def observability(
             print_analysis(analysis, verbose=verbose)
         return console.code
     refuse_options(
-        told | {name: text or None for name, text in conditions.items()}, "describe no LOG"
+        counts | {name: text or None for name, text in conditions.items()}, "describe no LOG"
     )
     from clt.cli.inputs import Inputs
     from clt.cli.period import parse_period
@@ -167,7 +167,7 @@ def refuse_options(options: dict[str, object], why: str) -> None:
 
 
 def setup_from_options(
-    told: dict[str, int | None], frame: str, conditions: dict[str, str]
+    counts: dict[str, int | None], frame: str, conditions: dict[str, str]
 ) -> Setup:
     """The setup that the options describe. Raises UsageError naming what is wrong."""
     from dataclasses import replace
@@ -176,9 +176,9 @@ def setup_from_options(
     from clt.observability.exact.codistribution import Motion
     from clt.observability.exact.setup import Setup, every_pair, setup_robots
 
-    if told["--moving"] is None and told["--static"] is None:
+    if counts["--moving"] is None and counts["--static"] is None:
         raise UsageError("give a LOG, or a team: --moving N --static M [--known K]")
-    moving, static, known = (told[name] or 0 for name in ("--moving", "--static", "--known"))
+    moving, static, known = (counts[name] or 0 for name in ("--moving", "--static", "--known"))
     if known > static:
         raise UsageError(f"--known {known}: larger than --static {static}")
     nodes = setup_robots(moving, static, known)

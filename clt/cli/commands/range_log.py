@@ -97,10 +97,10 @@ def range_log(
         raise CltError(f"{loaded.path}: {error}") from None
     learnt = ranging_document(found)
     digests = inputs.digests({str(log): loaded.sha256})
-    told = run_record(digests, ranging=learnt, warnings=console.warnings)
+    run = run_record(digests, ranging=learnt, warnings=console.warnings)
     kept = {key: recording.run[key] for key in ("seed", "config") if key in recording.run}
     with inputs.output(output, force) as file:
-        save(file, found.recording, kept | told | {"input_run": json.dumps(dict(recording.run))})
+        save(file, found.recording, kept | run | {"input_run": json.dumps(dict(recording.run))})
     if as_json:
         counts = {name: len(one.stamp) for name, one in found.recording.odometry.items()}
         head = {"log": str(output), "ranges": len(found.recording.ranges.stamp)}

@@ -127,8 +127,8 @@ def simulate_to_log(
     refuse_two_outputs(as_json, path)
     inputs.check(path, force)
     recording = run(scenario)
-    if (told := recording.team.communication) is not None:
-        communication_links(told.graph, recording.team.names, "communication.graph")
+    if (network := recording.team.communication) is not None:
+        communication_links(network.graph, recording.team.names, "communication.graph")
     record = run_record(
         inputs.digests({}),
         seed=scenario.seed,

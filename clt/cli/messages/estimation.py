@@ -76,9 +76,9 @@ def noise_estimated_text(found: Diagnostic) -> str:
 ESTIMATION_TEXTS: Texts = {
     "noise_estimated": noise_estimated_text,
     "idle_static_robots": idle_static_text,
-    "odometry_noise_assumed": "the log does not tell the odometry noise of {subject}: assumed "
+    "odometry_noise_assumed": "the log does not give the odometry noise of {subject}: assumed "
     "{sigma_v} m/s and {sigma_omega} rad/s; set noise.sigma_v and noise.sigma_omega",
-    "range_noise_assumed": "the log does not tell the noise of its ranges: assumed {sigma_m} m; "
+    "range_noise_assumed": "the log does not give the noise of its ranges: assumed {sigma_m} m; "
     "set noise.sigma_range",
     "odometry_gaps": "gaps in the odometry of {subject}: {count}, the longest {longest_s:.2f} s; "
     "bridged with widened noise",
@@ -91,13 +91,13 @@ ESTIMATION_TEXTS: Texts = {
     "odometry_ends_early": "the odometry of {subject} ends {early_s:.1f} s before that of others",
     "late_arrivals": "{ranges} ranges and {odometry_samples} odometry samples arrived more than "
     "{lag_s:g} s after their stamps: these ranges are not used; raise received.lag",
-    "no_delays": "every message arrived at its own stamp: the log tells of no delays",
+    "no_delays": "every message arrived at its own stamp: the log shows no delays",
     "arrived_before_stamps": "odometry arrived {early_s:.1f} s before its stamps: the recorder's "
-    "clock was wrong, so the log tells of no delays",
+    "clock was wrong, so the log shows no delays",
     "unique_pose": "the pose of {subject} was unique after {after_s:.1f} s",
     "ambiguous_pose": "{subject} is ambiguous: its most probable pose at the end has probability "
     "{probability:.4f}, and {sure} is sure; longer or more winding driving of both robots would "
-    "tell",
+    "decide",
     "hypotheses_dropped": "hypotheses of probability {probability:.2f} were dropped for want of "
     "room: what became unique may be wrong; raise mixture.components (dpf: dpf.particles)",
     "robot_found": robot_found_text,

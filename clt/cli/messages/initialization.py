@@ -10,7 +10,7 @@ STATED = (
     "state the noise where it is smaller than assumed (noise.sigma_v, noise.sigma_omega, "
     "noise.sigma_range; clt settings noise)"
 )
-"""A remedy: the noise that is assumed decides what ranges can tell apart."""
+"""A remedy: the noise that is assumed decides what ranges can distinguish."""
 GIVE_ITS_POSE = f"{STATED}, or give its pose in a TOML file (--init FILE)"
 CALIBRATION_REMEDY = (
     "calibrate ranges and odometry, or check noise.sigma_range, noise.sigma_v and "
@@ -63,24 +63,24 @@ REASONS: Texts = {
     "layout_too_sparse": "too few ranges between the static robots to place {robots}",
     "too_many_layouts": "too many layouts fit the ranges between the static robots {robots}",
     "too_few_ranges": "too few ranges to place it",
-    "layout_mirrored": "ranges alone do not tell the layout from its mirror image; let the robots "
-    "turn",
+    "layout_mirrored": "ranges alone do not distinguish the layout from its mirror image; "
+    "let the robots turn",
     "layout_part_mirrored": "a mirror image of a part of the layout fits the ranges as well; "
     "ranges between more pairs, or its position in the log, would decide",
     "layout_not_searched": "so many layouts fit the ranges between so many static robots that not "
     "all were looked for; "
     "ranges between more pairs, or some positions in the log, would decide",
-    "layout_side_open": "ranges alone do not tell this layout from its mirror image; give the "
-    "position of a robot beside the line of the others",
+    "layout_side_open": "ranges alone do not distinguish this layout from its mirror image; "
+    "give the position of a robot beside the line of the others",
     "several_poses": "{count} poses explain its ranges (the best with probability "
     f"{{probability:.2f}}); let it drive on in curves, or {GIVE_ITS_POSE}",
     "mirrored_pose": "this pose (with probability {probability:.2f}) or its mirror image, which "
-    f"only turning tells apart; let it turn, or {GIVE_ITS_POSE}",
+    f"only turning excludes; let it turn, or {GIVE_ITS_POSE}",
     **dict.fromkeys(CONTRADICTIONS, contradiction_text),
-    "never_moves": "it never moves: no heading can be told",
+    "never_moves": "it never moves: no heading can be found",
     "too_few_placed_robots": "no ranges to two static robots, nor to robots that are found",
     "no_pose_fits": "no pose explains its ranges",
-    "moved_too_little": "it has moved too little ({moved_m:.2f} m): no heading can be told",
+    "moved_too_little": "it has moved too little ({moved_m:.2f} m): no heading can be found",
     "not_connected": "no chain of ranges connects it with {reference}",
     "pairs_contradict": f"the pairs of the team contradict each other; {DRIVE_REMEDY}",
     "too_many_combinations": "there are too many combinations of the poses of all pairs: some of "
@@ -124,7 +124,7 @@ INITIALIZATION_TEXTS: Texts = {
     "and were left out",
     "layout_residual": "the layout misses {count} mean distances by {rms_m:.3f} m rms",
     "distances_left_out": "{count} mean distance(s) contradict the others: left out",
-    "layout_side_unknown": "ranges alone do not tell this layout from its mirror image",
+    "layout_side_unknown": "ranges alone do not distinguish this layout from its mirror image",
     "mirror_by_convention": "ranges do not distinguish this frame from its mirror image: taken is "
     "the one in which positive omega turns counter-clockwise; three surveyed robots off one line "
     "would decide",

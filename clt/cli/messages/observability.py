@@ -14,7 +14,7 @@ def unobservable_text(found: Diagnostic) -> str:
     remedies = remedy_choices(found.values["remedies"])
     remedy = f"; remedy: {remedies}" if len(remedies) > 0 else ""
     directions = first_few(found.values["directions"], MAX_LISTED)
-    return f"ranges cannot tell {directions}: such errors never shrink{remedy}"
+    return f"ranges cannot observe {directions}: such errors never shrink{remedy}"
 
 
 def remedy_choices(texts: list[str]) -> str:

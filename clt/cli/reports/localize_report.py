@@ -1,4 +1,4 @@
-"""What `clt localize` records about a run in its result log, and what it tells the user."""
+"""What `clt localize` records about a run in its result log, and what it prints."""
 
 from __future__ import annotations
 

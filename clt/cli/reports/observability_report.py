@@ -8,9 +8,9 @@ from clt.observability.exact.analysis import Analysis
 from clt.observability.windows.windows import RobotWindows, WindowAnalysis
 
 MAX_DIRECTIONS = 12
-"""Unobservable directions told; --json has all."""
-UNOBSERVABLE_TITLE = "no range tells:"
-SECOND_ORDER_TITLE = "ranges tell only to second order, next to nothing while the team stays so:"
+"""Unobservable directions printed; --json has all."""
+UNOBSERVABLE_TITLE = "no range observes:"
+SECOND_ORDER_TITLE = "observed only to second order, next to nothing while the team stays so:"
 
 
 def print_analysis(found: Analysis, *, verbose: bool) -> None:

@@ -52,13 +52,13 @@ def solve_dpf(problem: Problem, settings: FilterSettings) -> Solution:
     check_dpf_settings(problem, settings)
     team = assemble_team(problem, settings)
     delay = round(settings.dpf.delay * settings.dpf.iterations * 1e9)
-    before, told, since = None, 0, problem.start
+    before, reported, since = None, 0, problem.start
     for k, now in enumerate(team.rounds.end.tolist()):
         upto = int(np.searchsorted(problem.outputs.stamp, now))
-        report_ego(team, slice(told, upto), before, since + delay)
+        report_ego(team, slice(reported, upto), before, since + delay)
         before = consensus_round(team, k, since, now, keep=delay > 0)
-        told, since = upto, now
-    report_ego(team, slice(told, problem.outputs.stamp.size), before, since + delay)
+        reported, since = upto, now
+    report_ego(team, slice(reported, problem.outputs.stamp.size), before, since + delay)
     count_odometry_traffic(
         team, np.arange(len(team.members)), since, problem.end, links_in_reach(team)
     )
@@ -81,7 +81,7 @@ def check_dpf_settings(problem: Problem, settings: FilterSettings) -> None:
         raise UsageError("--filter dpf has delays of its own (dpf.delay): leave out --as-received")
     if settings.dpf.likelihood == "shared" and settings.dpf.particles < MIN_SHARED_PARTICLES:
         raise UsageError(
-            f"dpf.particles={settings.dpf.particles}: so few cannot tell how sure they are; "
+            f"dpf.particles={settings.dpf.particles}: so few cannot know how sure they are; "
             f"{MIN_SHARED_PARTICLES} at least"
         )
     if settings.dpf.likelihood == "shared" and np.any(problem.space.calibration >= 0):

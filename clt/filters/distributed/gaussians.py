@@ -132,11 +132,11 @@ class GaussianMember:
 
     def message(self, table: RangeTable, _: Floats, link: Indices) -> Floats:
         """The parabolas of own ranges, which belong to some ordered pairs, shape (3 E,)."""
-        told = np.zeros((self.rounds.pairs.stamp.size, PARABOLA_NUMBERS))
-        np.add.at(told[:, 0], link, 1.0 / table.weight_variance)
-        np.add.at(told[:, 1], link, table.range / table.weight_variance)
-        told[link, 2] = 1.0
-        return told.ravel()
+        message = np.zeros((self.rounds.pairs.stamp.size, PARABOLA_NUMBERS))
+        np.add.at(message[:, 0], link, 1.0 / table.weight_variance)
+        np.add.at(message[:, 1], link, table.range / table.weight_variance)
+        message[link, 2] = 1.0
+        return message.ravel()
 
     def fuse(self, average: Floats, _: int, now: int) -> None:
         """Correct by the parabolas of all who were reached: each is one range."""

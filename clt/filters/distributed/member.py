@@ -51,7 +51,7 @@ class DistributedMember(Protocol):
         """Distance of each range by each hypothesis, and its variance within: (n, K) twice, m."""
 
     def message(self, table: RangeTable, h: Floats, link: Indices, /) -> Floats:
-        """What it tells the others of its own ranges at distances h (n, K), shape (Q,)."""
+        """What it sends the others about its own ranges at distances h (n, K), shape (Q,)."""
 
     def fuse(self, average: Floats, members: int, now: int, /) -> None:
         """Update the belief by what the members of a group found on average, at a time (ns)."""

@@ -109,8 +109,8 @@ class ParticleMember:
     def message(self, table: RangeTable, h: Floats, _: Indices) -> Floats:
         """Log-likelihood of every particle by own ranges at distances h (n, Q), shape (Q,)."""
         r = table.range[:, None] - h
-        told: Floats = -0.5 * np.sum(r * r / table.weight_variance[:, None], axis=0)
-        return told
+        message: Floats = -0.5 * np.sum(r * r / table.weight_variance[:, None], axis=0)
+        return message
 
     def fuse(self, average: Floats, members: int, _: int) -> None:
         """Update the weights by what the members of a group found on average, eq. (24)."""

@@ -31,7 +31,7 @@ EXCESS_VARIANCE_RATE = 0.05**2
 """Variance by which an excess changes, m^2/s."""
 
 MIN_DENSITY = 1e-300
-"""Density below which a range tells no more."""
+"""Density below which a range says no more."""
 
 
 class PairBlockage(NamedTuple):

@@ -43,7 +43,7 @@ def solve_eskf_without_search(problem: Problem, settings: FilterSettings) -> Sol
 
 
 def filter_eskf(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
-    """Run the filter alone; `hold` what no range tells (`free`), decided once for a whole log."""
+    """Run the filter alone; `hold` what no range observes (`free`), decided once for a log."""
     form = process_noise_form(problem, settings)
     mean, covariance, memory = problem.mean, problem.covariance, restore_eskf_memory(problem)
     if memory is None:

@@ -286,7 +286,7 @@ def solve_ukf_without_search(problem: Problem, settings: FilterSettings) -> Solu
 
 
 def filter_ukf(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
-    """Run the filter alone; `hold` what no range tells (`free`), decided once for a whole log."""
+    """Run the filter alone; `hold` what no range observes (`free`), decided once for a log."""
     form = process_noise_form(problem, settings)
     x, P = problem.mean.astype(np.float64), problem.covariance.astype(np.float64)
     inputs = problem.inputs

@@ -2,8 +2,8 @@
 
 The log weight of each gathers the evidence of the ranges, log w += -1/2 (log 2 pi S + r^2 / S)
 (Alspach and Sorenson 1972). An outlier beyond the gate corrects nothing and counts as one on the
-gate, so that it kills no hypothesis by itself. What no range tells, each Gaussian holds for itself
-(`kalman.free`): otherwise all would grow sure of a turn that none of them can know.
+gate, so that it kills no hypothesis by itself. What no range observes, each Gaussian holds for
+itself (`kalman.free`): otherwise all would grow sure of a turn that none of them can know.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class GaussianSum(NamedTuple):
     cursor: Indices
     """The twist segment that each driver is in, (D,)."""
     free: UnobservableDirections
-    """What no range tells of any of them, and whether block 1 is the inverse of block 0."""
+    """What no range observes of any of them, and whether block 1 is the inverse of block 0."""
     dropped: Floats
     """Probability that the truth was among what was dropped for want of room alone, (1,)."""
     travel: Floats
@@ -94,7 +94,7 @@ class MixtureOutput(NamedTuple):
 def make_gaussian_sum(belief: Belief, problem: Problem, room: int, *, hold: bool) -> GaussianSum:
     """A bank at the problem's start with room for at least `room` Gaussians.
 
-    hold: what no range tells (`kalman.free.use_first_estimates`).
+    hold: what no range observes (`kalman.free.use_first_estimates`).
     """
     K, N = belief.mean.shape
     C, D, B = max(room, K), problem.space.first.size - 1, problem.space.who.size

@@ -3,9 +3,9 @@
 One range leaves a relative pose on a ring, and driving straight leaves mirror images: one Gaussian
 cannot hold that. Before a range is fused, a Gaussian that is wide across the line of sight, or
 whose heading was uncertain while its robot drove, is split (`narrow_for_range`), so that the
-curvature over each part is below the noise of the range. The evidence of the ranges then tells the
-parts apart, and those that it refuted or that came together again go (`reduction`): once the
-answer is unique the cost is that of one filter.
+curvature over each part is below the noise of the range. The evidence of the ranges then weighs the
+parts, and those that it refuted or that came together again go (`reduction`): once the answer is
+unique the cost is that of one filter.
 """
 
 from __future__ import annotations

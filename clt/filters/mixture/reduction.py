@@ -94,7 +94,7 @@ def prune_light(bank: GaussianSum, least: float) -> None:
 
 
 class MergeWorkspace(NamedTuple):
-    """Scratch of merging, and of telling what is left."""
+    """Scratch of merging, and of knowing what is left."""
 
     determinant: Floats
     """Log determinant of each Gaussian's covariance, (C,)."""

@@ -57,10 +57,10 @@ class CandidateFrame:
     covariance: Mapping[str, Floats]
     """By the layout, (2, 2), of `loose` and `standing`."""
     on_a_line: bool
-    """The static robots lie on one line: they cannot tell its two sides apart."""
+    """The static robots lie on one line: its two sides cannot be distinguished."""
 
     axis: tuple[Floats, Floats]
-    """Two points (2,) of the line at which a layout cannot be told from its mirror image."""
+    """Two points (2,) of the line that may mirror a layout without any range showing it."""
     log_weight: float = 0.0
     """Logarithm of its probability by the distances of those that stand."""
 

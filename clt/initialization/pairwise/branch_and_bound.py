@@ -71,9 +71,9 @@ where even the best of the cell is UNLIKELY_COST_DIFFERENCE or less below what i
 UNLIKELY_COST_DIFFERENCE = 9.0
 """Difference of costs."""
 MIN_SPLIT_SIGMAS = 0.1
-"""So many deviations of the distance need not be told apart."""
+"""So many deviations of the distance need not be distinguished."""
 MAX_CELLS = 20_000
-"""Cells at most; a posterior that would need more is told in coarser ones, and never unique."""
+"""Cells at most; a posterior that would need more is given in coarser ones, and never unique."""
 SPLIT_DISTANCE, SPLIT_NOTHING = 2, 3
 """What to halve beside theta (0) and phi (1): the distances, or nothing."""
 
@@ -248,7 +248,7 @@ def fakeable_cost(pair: PairRanges, L: Floats, y: Floats) -> float:
     """Difference of cost that errors of the tracks alone may make between two poses.
 
     nu = tr (W - R) W^-1 of the n residuals are the odometry's; their costs under two poses differ
-    by 0 with standard deviation 2 sqrt(nu) where nothing else tells the poses apart. Two of those.
+    by 0 with standard deviation 2 sqrt(nu) where nothing else separates the poses. Two of those.
     """
     n = pair.z.size
     nu = float(n)

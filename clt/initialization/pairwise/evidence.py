@@ -1,7 +1,7 @@
 """What the evidence between two relative poses is worth where odometry noise could have faked it.
 
 Two straight tracks leave four exact solutions. Noise bends them as measured, and weighed with these
-bends one solution looks better than another although nothing tells them apart. So the difference
+bends one solution looks better than another although nothing distinguishes them. So the difference
 of the ranges that two poses predict counts only as far as it exceeds what the errors of the tracks
 alone bring about (James and Stein's shrinkage, with the upper end of the noise in place of its
 mean).

@@ -1,4 +1,4 @@
-"""The posterior of a relative pose, told as a few Gaussians: hypotheses.
+"""The posterior of a relative pose, given as a few Gaussians: hypotheses.
 
 The cells of the search hold the posterior. Each hypothesis stands for those around one solution of
 the weighted least squares; where a posterior is long and bent, such as a ring, further ones stand
@@ -56,7 +56,7 @@ class PairHypotheses:
     chosen: bool = False
     """... which others might be as well, for another pose."""
     widened: bool = False
-    """The ranges scatter more than was told; the noise was believed that much larger."""
+    """The ranges scatter more than was given; the noise was believed that much larger."""
 
 
 def gather_hypotheses(

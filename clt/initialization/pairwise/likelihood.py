@@ -18,7 +18,7 @@ from clt.core.arrays import Floats
 from clt.jit.compiled import compiled_noalloc
 
 COST_FIELDS = 15
-"""Numbers that `evaluate_cost` tells about a direction."""
+"""Numbers that `evaluate_cost` gives for a direction."""
 THETA, PHI, DISTANCE, COST, LOG_DET, VAR_D, G_THETA, G_PHI, H_TT, H_TP, H_PP = range(11)
 AT_DISTANCE, DISTANCE_STEP, D_THETA, D_PHI = range(11, COST_FIELDS)
 MIN_ANTENNA_DISTANCE = 1e-3
@@ -247,7 +247,7 @@ def forward_substitute(L: Floats, y: Floats, n: int, columns: int) -> None:
 
 @compiled_noalloc
 def attained_cost(out: Floats) -> float:
-    """r^T W^-1 r at the distance AT_DISTANCE, as `evaluate_cost` told it."""
+    """r^T W^-1 r at the distance AT_DISTANCE, as `evaluate_cost` left it."""
     return float(out[COST] + out[DISTANCE_STEP] * out[DISTANCE_STEP] / out[VAR_D])
 
 

@@ -5,7 +5,7 @@ every vector x, by Cauchy and Schwarz,
 
     r^T W^-1 r  >=  (x^T r)^2 / (x^T W x)      where x^T r > 0,
 
-and of both sides the least and the most within a cell are easily told for a fixed x: that which
+and of both sides the least and the most within a cell follow easily for a fixed x: that which
 belongs to the best pose of the linearized cell, W_0^-1 (r_0 - J delta); see `taylor_bounds`.
 Distances are taken in parts, from the best one on.
 """
@@ -86,7 +86,7 @@ def excluded_distance(
 
     Infinite where that holds for the whole cell, 0 where not even at the best distance. The cell
     holds what lies within h_t of theta and h_p of phi (rad) of the center that `evaluate_cost` has
-    just told `work` of, at distances low .. high (m).
+    just filled `work` for, at distances low .. high (m).
     """
     out = work.cost.out
     t, p = best_in_box(out, h_t, h_p)
@@ -180,29 +180,29 @@ def cost_exceeds(
     x is that of a step of s (m) more than it was prepared for.
     """
     sums = work.sums
-    told_d = sums[0, 1] + s * sums[1, 1]
-    told = sums[0, 0] + s * sums[1, 0] - max(told_d * near, told_d * far)
-    told -= abs(sums[0, 2] + s * sums[1, 2]) * h_t + abs(sums[0, 3] + s * sums[1, 3]) * h_p
+    slope_d = sums[0, 1] + s * sums[1, 1]
+    least = sums[0, 0] + s * sums[1, 0] - max(slope_d * near, slope_d * far)
+    least -= abs(sums[0, 2] + s * sums[1, 2]) * h_t + abs(sums[0, 3] + s * sums[1, 3]) * h_p
     spread = sums[0, VARIANCE_OF_X] + s * (
         sums[0, VARIANCE_OF_X + 1] + s * sums[0, VARIANCE_OF_X + 2]
     )
-    if told <= 0.0 or told * told <= most * spread:
+    if least <= 0.0 or least * least <= most * spread:
         return False
     h_d = max(-near, far)
-    told -= 0.5 * max(sums[0, TT] + s * sums[1, TT], 0.0) * h_t * h_t
-    told -= 0.5 * max(sums[0, PP] + s * sums[1, PP], 0.0) * h_p * h_p
-    told -= 0.5 * max(sums[0, DD] + s * sums[1, DD], 0.0) * h_d * h_d
-    told -= abs(sums[0, TP] + s * sums[1, TP]) * h_t * h_p
-    told -= abs(sums[0, TD] + s * sums[1, TD]) * h_t * h_d
-    told -= abs(sums[0, PD] + s * sums[1, PD]) * h_p * h_d
+    least -= 0.5 * max(sums[0, TT] + s * sums[1, TT], 0.0) * h_t * h_t
+    least -= 0.5 * max(sums[0, PP] + s * sums[1, PP], 0.0) * h_p * h_p
+    least -= 0.5 * max(sums[0, DD] + s * sums[1, DD], 0.0) * h_d * h_d
+    least -= abs(sums[0, TP] + s * sums[1, TP]) * h_t * h_p
+    least -= abs(sums[0, TD] + s * sums[1, TD]) * h_t * h_d
+    least -= abs(sums[0, PD] + s * sums[1, PD]) * h_p * h_d
     for i in range(3):
         at = VARIANCE_GROWTH + 3 * i
         growth = sums[0, at] + s * (sums[0, at + 1] + s * sums[0, at + 2])
         spread += abs(growth) * (h_t if i == 0 else h_p if i == 1 else h_d)
-    if told <= 0.0 or told * told <= most * spread:
+    if least <= 0.0 or least * least <= most * spread:
         return False
     for k in range(pair.z.size):
         less, more = higher_orders(work, k, h_t, h_p, h_d, s)
-        told -= less
+        least -= less
         spread += more
-    return bool(told > 0.0 and told * told > most * spread)
+    return bool(least > 0.0 and least * least > most * spread)

@@ -3,7 +3,7 @@
 Where no pose explains all ranges, poses are sought that explain most. A few ranges, drawn again and
 again, lead to some poses each (random sample consensus, Fischler and Bolles 1981), from which
 least squares are solved with the ranges that fit best. Those that are left out may be anywhere in
-OUTLIER_SPAN_M; that tells how probable each explanation is.
+OUTLIER_SPAN_M; that says how probable each explanation is.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def without_outliers(pair: PairRanges, turns: bool, cost: float) -> tuple[PairRa
     Not sure where other poses explain as much with other ranges; those that do with the same ones
     are another matter, see `PairHypotheses.unique`. None where some pose explains all, where one
     wild range in RANGES_PER_OUTLIER does not explain it, where they are not MIN_OUTLIER_SIGMAS, or
-    too few are left to tell.
+    too few are left to know.
     """
     n = pair.z.size
     sought = [explain_ranges(pair, pose, turns) for pose in candidate_poses(pair, turns)]
@@ -156,7 +156,7 @@ def candidate_poses(pair: PairRanges, turns: bool) -> list[Floats]:
 def explain_ranges(pair: PairRanges, pose: Floats, turns: bool) -> Explanation | None:
     """The pose nearby to which as many ranges fit as can, if all but one in RANGES_PER_OUTLIER do.
 
-    Least trimmed squares (Rousseeuw and Van Driessen 2006): the ranges that fit best tell the pose,
+    Least trimmed squares (Rousseeuw and Van Driessen 2006): the ranges that fit best give the pose,
     and that again which fit best. The others are then taken back one by one.
     """
     n = pair.z.size
@@ -230,7 +230,7 @@ def pose_to_polar(pair: PairRanges, pose: Floats) -> tuple[float, float, float]:
 
 
 def polar_to_pose(pair: PairRanges, theta: float, phi: float, d: float) -> Floats:
-    """The pose (3,) that `pose_to_polar` tells of."""
+    """The pose (3,) that `pose_to_polar` describes."""
     c, s = math.cos(phi), math.sin(phi)
     x = d * math.cos(theta) - c * pair.b[0, 0] + s * pair.b[0, 1] + pair.a[0, 0]
     y = d * math.sin(theta) - s * pair.b[0, 0] - c * pair.b[0, 1] + pair.a[0, 1]

@@ -118,7 +118,7 @@ def hypothesis_covariances(
 ) -> Floats:
     """Covariance (k, 3, 3) about each center (k, 3) of the posterior in the cells of its group.
 
-    `at` (m, 3) are the poses of the cells, `group` (m,) tells whose they are (-1: nobody's). The
+    `at` (m, 3) are the poses of the cells, `group` (m,) says whose they are (-1: nobody's). The
     posterior is flat along both angles of a cell, and Gaussian along the distance.
     """
     some = group >= 0

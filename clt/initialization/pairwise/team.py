@@ -28,7 +28,7 @@ from clt.model.settings import FilterSettings
 SPANS_S = (15, 30, 60)
 """Seconds of the log that are looked at; the longer only where the shorter do not suffice.
 
-That of them counts which tells most: odometry drifts, and a longer one may tell less.
+That of them counts which informs most: odometry drifts, and a longer one may inform less.
 """
 MIN_UNOBSERVABLE_ALTERNATIVES = 8
 """A robot with as many alternatives as these is not observable yet."""
@@ -37,7 +37,7 @@ UNKNOWN_HEADING_SIGMA = 0.8
 MIN_LISTED_PROBABILITY = 1e-3
 """Probability from which an alternative is listed."""
 DRIVE_SPAN = {"span_s": SPANS_S[-1]}
-"""In which time from the start on driving tells relative poses, s: a value of diagnostics."""
+"""In which time from the start on driving shows relative poses, s: a value of diagnostics."""
 PAIRS_CONTRADICT = "pairs_contradict"
 """Kind of the diagnostic of pairs that disagree."""
 FRAME_ROOT = ""
@@ -70,7 +70,7 @@ def from_pairwise(
         raise CltError("no moving robot has odometry: there is nothing to initialize")
     ego = FRAME_ROOT if len(given) > 0 else moving[0] if ego is None else ego
     if ego not in (FRAME_ROOT, *moving):
-        raise CltError(f"{ego} has no odometry: no pose can be told in its frame")
+        raise CltError(f"{ego} has no odometry: no pose can be given in its frame")
     begin = pairwise_start_time(recording) if begin is None else begin
     last = max(int(recording.odometry[name].stamp[-1]) for name in moving)
     tried = []
@@ -90,9 +90,9 @@ def pairwise_start_time(recording: Recording) -> int:
 
 
 def rate_initialization(found: Initialization) -> tuple[bool, int, int, float]:
-    """How much is told: without contradiction, of how many robots surely and at all, how narrowly.
+    """How much is known: without contradiction, of how many robots surely and at all, how narrowly.
 
-    Narrow is the sum over robots of log(p) - 1/2 log(det P) of the pose that is told, no sigma
+    Narrow is the sum over robots of log(p) - 1/2 log(det P) of the pose that is given, no sigma
     finer than a millimetre or milliradian.
     """
     robots = list(found.robots.values())
@@ -262,7 +262,7 @@ def status_from_joints(joints: list[JointHypothesis], k: int, turns: bool) -> Ro
 
 
 def with_pair_doubts(status: RobotStatus, edges: PairGraph) -> RobotStatus:
-    """What is told of a robot, but neither `ok` nor open where a pair may have another solution."""
+    """The status of a robot, but neither `ok` nor open where a pair may have another solution."""
     cut_off = ["-".join(pair) for pair, found in edges.items() if not found.complete]
     chosen = ["-".join(pair) for pair, found in edges.items() if found.chosen]
     if status.status == "ok" and len(cut_off) > 0:

@@ -1,4 +1,4 @@
-"""Whether one Gaussian tells the distances of a direction and a turn, or several minima hide there.
+"""Whether one Gaussian holds the distances of a direction and a turn, or several minima hide there.
 
 Along one line the ranges bend only where a robot passes across it. With W as it is at the best
 distance, |W^-1/2 (r - r_linear)| <= |R^-1/2 (r - r_linear)|: where that is small all over, the cost
@@ -42,7 +42,7 @@ def has_one_minimum(
     """No distance in low .. high (m) costs less than the linearization promises, and than `most`.
 
     Up to MAX_COST_SHORTFALL; and where ranges bend little, less by a part that hides no second
-    minimum (MIN_STRAIGHTNESS). `evaluate_cost` has just told `work`, with nothing added to W,
+    minimum (MIN_STRAIGHTNESS). `evaluate_cost` has just filled `work`, with nothing added to W,
     which is held as it is.
     """
     n, g, out = pair.z.size, work.g, work.cost.out

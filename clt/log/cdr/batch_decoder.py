@@ -1,6 +1,6 @@
 """Fields of many CDR messages as numpy columns, without an object per message.
 
-One message is walked by its definition, which tells where each wanted field lies and which bytes
+One message is walked by its definition, which says where each wanted field lies and which bytes
 decide that: the encapsulation and every length word on the way. All messages of the same
 length whose deciding bytes are equal have the same layout, so each field is one strided copy. The
 next message that differs makes the next layout.

@@ -52,7 +52,7 @@ class MessageLayout:
     order: str
     """`<` or `>`."""
     words: list[tuple[int, int]] = field(default_factory=list)
-    """Offset and value of each uint32 that tells a length."""
+    """Offset and value of each uint32 that gives a length."""
     spots: dict[str, FieldLocation] = field(default_factory=dict)
 
 

@@ -104,7 +104,7 @@ def _leads_on(source: ByteSource, length: int) -> bool:
 
 
 def length_by_fields(source: ByteSource, offset: int, opcode: int) -> int | None:
-    """The length of the record at `offset` as its own fields tell it; None where they do not."""
+    """The length of the record at `offset` as its own fields give it; None where they do not."""
     if opcode in FIXED_LENGTHS:
         return FIXED_LENGTHS[opcode]
     body = offset + RECORD_HEAD.size

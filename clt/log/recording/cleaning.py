@@ -61,7 +61,7 @@ def distinct_ranges(
     """The ranges to keep of a table sorted by stamp.
 
     Of several with the same stamp and the same ends the first stays; of A-B and B-A with the same
-    stamp and the same value likewise, since that is one measurement told twice.
+    stamp and the same value likewise, since that is one measurement reported twice.
     """
     again, mirrored = np.zeros(len(stamp), np.bool_), np.zeros(len(stamp), np.bool_)
     begin = 0

@@ -115,10 +115,10 @@ def _recording(log: Log, roles: TopicRoles, mapped: StreamsFile | None, brief: b
     if mapped is not None:
         team = team_discovery.from_mapping(mapped, team_discovery.from_metadata(log))
     else:
-        told = team_discovery.from_metadata(log)
-        if told is None:
+        recorded = team_discovery.from_metadata(log)
+        if recorded is None:
             measured = [(name, ranging.read_ranges(log, one, brief)) for name, one in roles.ranges]
-        team = team_discovery.from_topics(log, measured, framed) if told is None else told
+        team = team_discovery.from_topics(log, measured, framed) if recorded is None else recorded
         roles = team_discovery.roles_in_team(log, roles, team)
         if len(team.robots) == 0:
             text = (
@@ -174,11 +174,11 @@ def _check_readable(log: Log) -> None:
         return
     kinds = sorted({channel.encoding for topic in topics for channel in topic.channels})
     schemas = {channel.schema for topic in topics for channel in topic.channels}
-    told = sorted({schema.encoding for schema in schemas if schema is not None})
+    encodings = sorted({schema.encoding for schema in schemas if schema is not None})
     raise LogError(
         f"{log.name}: profile `{shown(log.header.profile)}` with "
         f"{shown('/'.join(kinds)) or 'unnamed'} messages "
-        f"({shown('/'.join(told)) or 'no'} schemas); "
+        f"({shown('/'.join(encodings)) or 'no'} schemas); "
         "clt reads profile `ros2`: cdr with ros2msg schemas"
     )
 

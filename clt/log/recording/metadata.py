@@ -35,9 +35,9 @@ def encode_team(team: Team, calibration: Mapping[str, object] | None = None) -> 
     if team.frame != WORLD_FRAME:
         record[FRAME_KEY] = team.frame
     if team.communication is not None:
-        told = asdict(team.communication)
-        record[COMMUNICATION_KEY] = told | {
-            "reach": told["reach"] if told["reach"] < math.inf else None
+        network = asdict(team.communication)
+        record[COMMUNICATION_KEY] = network | {
+            "reach": network["reach"] if network["reach"] < math.inf else None
         }
     if calibration is not None:
         record[CALIBRATION_KEY] = calibration
@@ -89,7 +89,7 @@ def _communication(table: Any) -> Communication | None:
 
 
 def decode_run(records: Iterable[tuple[str, Mapping[str, str]]]) -> dict[str, str]:
-    """The run of a log's metadata (name, record), and the calibration that its team tells."""
+    """The run of a log's metadata (name, record), and the calibration that its team records."""
     run: dict[str, str] = {}
     team: Mapping[str, str] = {}
     for name, record in reversed(list(records)):

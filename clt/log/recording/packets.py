@@ -26,7 +26,7 @@ from clt.log.recording.roles import StreamTopic
 
 UWB_FRAME_TYPE = "clt_msgs/msg/UwbFrame"
 MAX_NEIGHBOURS = 16
-"""Neighbours that one message can tell of."""
+"""Neighbours that one message can report."""
 MAX_PACKET_ENTRIES = 1 << 26
 """Packets of one robot times robots: of seventeen, eleven hours at 100 Hz."""
 UWB_FRAME_FIELDS = (
@@ -151,12 +151,12 @@ def _usable_packets(log: Log, data: DecodedTopic, team: Team) -> UwbPackets:
     receive = np.full((rows.size, len(team.robots)), -1, np.int64)
     sequence = receive.copy()
     neighbour = index[data.column("neighbour")[:, used][rows].astype(np.int64)]
-    told = data.column("neighbour_sequence")[:, used][rows]
+    reported = data.column("neighbour_sequence")[:, used][rows]
     good = heard[rows] & (neighbour >= 0) & (neighbour != source[rows][:, None])
     for column in range(used.size):
         some = np.flatnonzero(good[:, column])
         receive[some, neighbour[some, column]] = received[rows[some], column]
-        sequence[some, neighbour[some, column]] = told[some, column]
+        sequence[some, neighbour[some, column]] = reported[some, column]
     lost = int(np.count_nonzero(heard[rows] & ~good))
     if lost > 0:
         text = f"{lost} receptions name an unknown robot or the sender itself; dropped"

@@ -64,13 +64,13 @@ def read_ranges(log: Log, stream: RangeTopic, brief: bool = False) -> TopicRange
     noise = range_paths(struct, stream, brief)[1:]
     data = decode_topic(log, stream.topic, [path, *noise], stream.log_time)
     raw = data.floats(path)
-    told = sigma_of_variance(data.floats("variance")) if noise else np.full(len(raw), np.nan)
+    sigma = sigma_of_variance(data.floats("variance")) if noise else np.full(len(raw), np.nan)
     return TopicRanges(
         stream,
         data,
         raw,
         stream.gain * raw + stream.offset,
-        _sigma(stream, told),
+        _sigma(stream, sigma),
         np.arange(len(raw)),
         stream.source,
         stream.target,
@@ -99,7 +99,7 @@ def range_paths(struct: Struct, stream: RangeTopic, brief: bool) -> list[str]:
 def _read_clt_ranges(log: Log, stream: RangeTopic) -> TopicRanges:
     """clt_msgs/Range; its own calibration stands unless the streams file gives another."""
     data = decode_topic(log, stream.topic, list(CLT_RANGE_FIELDS), stream.log_time)
-    raw, value, told = (data.floats(name) for name in ("raw_range", "range", "sigma"))
+    raw, value, sigma = (data.floats(name) for name in ("raw_range", "range", "sigma"))
     if (stream.gain, stream.offset) != (1.0, 0.0):
         value = stream.gain * raw + stream.offset
     sequence, source, target = (data.integers(name) for name in CLT_RANGE_FIELDS[:3])
@@ -108,7 +108,7 @@ def _read_clt_ranges(log: Log, stream: RangeTopic) -> TopicRanges:
         data,
         raw,
         value,
-        _sigma(stream, told),
+        _sigma(stream, sigma),
         sequence,
         stream.source or source,
         stream.target or target,
@@ -133,10 +133,10 @@ def _read_clt_ranges_brief(log: Log, stream: RangeTopic) -> TopicRanges:
     )
 
 
-def _sigma(stream: RangeTopic, told: Floats) -> Floats:
+def _sigma(stream: RangeTopic, sigma: Floats) -> Floats:
     if stream.sigma is not None:
-        return np.full(len(told), stream.sigma)
-    return np.where(np.isfinite(told) & (told > 0.0), told, np.nan)
+        return np.full(len(sigma), stream.sigma)
+    return np.where(np.isfinite(sigma) & (sigma > 0.0), sigma, np.nan)
 
 
 def join_ranges(

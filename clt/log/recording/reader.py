@@ -33,7 +33,7 @@ class Topic:
 
     @property
     def type(self) -> str:
-        """`package/Type`; empty where the log does not tell."""
+        """`package/Type`; empty where the log has none."""
         schema = self.channels[0].schema
         return "" if schema is None else short_type_name(schema.name)
 
@@ -72,10 +72,10 @@ class Log:
         channel = self.topics[topic].channels[0]
         schema = channel.schema
         if not self.topics[topic].readable or schema is None:
-            told = "none" if schema is None else schema.encoding
+            encoding = "none" if schema is None else schema.encoding
             raise LogError(
                 f"{self.name}: {shown(topic)}: {shown(channel.encoding) or 'unknown'} messages "
-                f"(profile `{shown(self.header.profile)}`, schema {shown(told)}); "
+                f"(profile `{shown(self.header.profile)}`, schema {shown(encoding)}); "
                 "clt reads ROS 2 CDR with ros2msg schemas"
             )
         try:

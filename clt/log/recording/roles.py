@@ -42,7 +42,7 @@ class StreamTopic:
 
 @dataclass(frozen=True)
 class RangeTopic:
-    """A topic of ranges; `source` and `target` None where the messages tell."""
+    """A topic of ranges; `source` and `target` None where the messages name them."""
 
     topic: str
     source: str | None = None

@@ -71,7 +71,7 @@ def _grew(record: Mapping[str, str], later: Mapping[str, str]) -> bool:
 def from_mapping(streams: StreamsFile, known: Team | None = None) -> Team:
     """The team of a streams file.
 
-    Robots without an id take that of the same name in the `known` team that the log tells, else
+    Robots without an id take that of the same name in the `known` team that the log records, else
     the smallest free ones.
     """
     own = {} if known is None else {robot.name: robot.id for robot in known.robots}
@@ -111,15 +111,17 @@ def from_topics(
     ids: dict[str, int] = {}
     taken: set[int] = set()
     seen: set[int] = set()
-    told = [(robot, one.integers("source")[one.decoded.good]) for robot, one in framed.items()]
+    sources_of = [
+        (robot, one.integers("source")[one.decoded.good]) for robot, one in framed.items()
+    ]
     for robot, one in measured:
         if isinstance(one.source, str) or isinstance(one.target, str):
             continue
         good = one.data.decoded.good
-        told.append((robot, one.source[good]))
+        sources_of.append((robot, one.source[good]))
         seen |= {int(number) for number in np.unique(one.target[good])}
     seen = {number for number in seen if 0 <= number < 1 << 16}
-    for robot, sources in told:
+    for robot, sources in sources_of:
         valid = (sources >= 0) & (sources < 1 << 16)
         numbers, counts = np.unique(sources[valid], return_counts=True)
         free = [int(n) for n in numbers[np.argsort(-counts)] if int(n) not in taken]
@@ -138,7 +140,7 @@ def from_topics(
     free_ids = (number for number in range(1, 1 << 16) if number not in used)
     spare = list(itertools.islice(free_ids, len(unnumbered)))
     if len(unnumbered) > len(spare):
-        raise LogError(f"{log.name}: topics of {len(names)} robots; clt tells 65535 apart")
+        raise LogError(f"{log.name}: topics of {len(names)} robots; clt distinguishes 65535")
     ids |= dict(zip(unnumbered, spare, strict=False))
     robots = [Robot(name, ids[name], static=name not in moving) for name in names]
     strangers = sorted(seen - {robot.id for robot in robots})

@@ -116,7 +116,7 @@ def range_output(kind: PairKind) -> Polynomial:
 def input_fields(kind: PairKind) -> tuple[VectorField, ...]:
     """Input fields in the order v_a, v_b, omega_a, omega_b (a tied pair has one, v_a + v_b).
 
-    Two steady robots cannot be told apart: their drift is one field.
+    Two steady robots cannot be distinguished: their drift is one field.
     """
     v_a, omega_a = (
         (ego_drive_field(), ego_turn_field()) if kind.ego else (drive_field(0), turn_field(0))

@@ -1,4 +1,4 @@
-"""One look for every figure: colours that colour-blind readers can tell apart, quiet axes."""
+"""One look for every figure: colours that colour-blind readers can distinguish, quiet axes."""
 
 from __future__ import annotations
 

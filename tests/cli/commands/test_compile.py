@@ -34,10 +34,10 @@ def test_runs_every_command_and_leaves_no_log(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     done = clt("--json")
     assert done.exit_code == 0, done.output
-    told = json.loads(done.stdout)
-    assert list(told["seconds"]) == ["ranging", "motion"]
-    assert min(told["seconds"].values()) > 0.0
-    assert told["directory"] == eskf.eskf_kernel.dispatcher.stats.cache_path
+    printed = json.loads(done.stdout)
+    assert list(printed["seconds"]) == ["ranging", "motion"]
+    assert min(printed["seconds"].values()) > 0.0
+    assert printed["directory"] == eskf.eskf_kernel.dispatcher.stats.cache_path
     assert list(tmp_path.iterdir()) == []
 
 

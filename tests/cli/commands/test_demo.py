@@ -64,11 +64,11 @@ def test_json_and_nothing_else(ran: tuple[Path, Result], tmp_path: Path) -> None
     folder, said = ran
     result = clt("demo", tmp_path, "--json", "-q")
     assert (result.exit_code, result.stderr) == (0, "")
-    told = json.loads(result.stdout)
-    assert [Path(path).name for path in told["files"].values()] == [FILES[2], FILES[0], FILES[1]]
+    printed = json.loads(result.stdout)
+    assert [Path(path).name for path in printed["files"].values()] == [FILES[2], FILES[0], FILES[1]]
     shown = [line[2:] for line in said.stdout.splitlines() if line.startswith("$ ")]
-    assert told["commands"] == [line.replace(str(folder), str(tmp_path)) for line in shown]
-    assert told["evaluation"]["team"]["estimate"]["ape"]["rmse"] < 0.1
+    assert printed["commands"] == [line.replace(str(folder), str(tmp_path)) for line in shown]
+    assert printed["evaluation"]["team"]["estimate"]["ape"]["rmse"] < 0.1
 
 
 def test_existing_files_are_kept(ran: tuple[Path, Result]) -> None:

@@ -54,16 +54,16 @@ def messages(data):
 
 def test_json_is_one_object(clt, log):
     code, out, err = clt("info", log, "--json")
-    told = json.loads(out)
+    printed = json.loads(out)
     assert (code, err) == (0, "")
-    assert told["log"] == str(log)
-    assert told["library"] == "tests"
-    assert told["duration"] == pytest.approx(1.99)
-    assert told["ranges"] == 200
-    assert told["truth"] is True
-    assert told["estimate"] is False
-    assert told["faults"] == []
-    assert told["pairs"] == [
+    assert printed["log"] == str(log)
+    assert printed["library"] == "tests"
+    assert printed["duration"] == pytest.approx(1.99)
+    assert printed["ranges"] == 200
+    assert printed["truth"] is True
+    assert printed["estimate"] is False
+    assert printed["faults"] == []
+    assert printed["pairs"] == [
         {
             "source": "R1",
             "target": "R2",
@@ -73,10 +73,10 @@ def test_json_is_one_object(clt, log):
             "gaps": 0,
         }
     ]
-    assert told["robots"]["R1"]["odometry"]["rate"] == pytest.approx(20.0)
-    assert told["robots"]["R1"]["truth"]["count"] == 10
-    assert told["robots"]["R2"]["truth"] is None
-    assert {topic["name"]: topic["count"] for topic in told["topics"]}["/R2/odom"] == 40
+    assert printed["robots"]["R1"]["odometry"]["rate"] == pytest.approx(20.0)
+    assert printed["robots"]["R1"]["truth"]["count"] == 10
+    assert printed["robots"]["R2"]["truth"] is None
+    assert {topic["name"]: topic["count"] for topic in printed["topics"]}["/R2/odom"] == 40
 
 
 def test_text_names_robots_pairs_and_gaps(clt, tmp_path):
@@ -189,11 +189,11 @@ def test_recover_of_a_cut_log(clt, tmp_path):
     path, saved = tmp_path / "x.mcap", tmp_path / "saved.mcap"
     path.write_bytes(small_log()[: len(small_log()) // 2])
     code, out, _ = clt("recover", path, "-o", saved, "--json")
-    told = json.loads(out)
+    printed = json.loads(out)
     assert code == 3
-    assert [fault["kind"] for fault in told["faults"]] == ["truncated"]
-    assert [one["kind"] for one in told["diagnostics"]] == ["truncated"]
-    assert told["messages"] == len(messages(saved.read_bytes())) > 100
+    assert [fault["kind"] for fault in printed["faults"]] == ["truncated"]
+    assert [one["kind"] for one in printed["diagnostics"]] == ["truncated"]
+    assert printed["messages"] == len(messages(saved.read_bytes())) > 100
 
 
 def test_recover_of_a_sound_log_keeps_everything(clt, tmp_path):

@@ -50,10 +50,10 @@ def write(path, recording, run=None):
 def test_json_has_the_agreed_shape(clt):
     code, out, _ = clt("init", "in.mcap", "--method", "motion", "--json")
     assert code == 0
-    told = json.loads(out)
-    assert (told["method"], told["frame"]) == ("motion", "world")
-    assert set(told["robots"]) == {"R1", "R2", "R3", "R4", "R5"}
-    for robot in told["robots"].values():
+    printed = json.loads(out)
+    assert (printed["method"], printed["frame"]) == ("motion", "world")
+    assert set(printed["robots"]) == {"R1", "R2", "R3", "R4", "R5"}
+    for robot in printed["robots"].values():
         assert {
             "x",
             "y",
@@ -66,18 +66,18 @@ def test_json_has_the_agreed_shape(clt):
         } <= set(robot)
         assert robot["status"] == "ok"
         assert np.array(robot["covariance"]).shape == (3, 3)
-    assert told["robots"]["R1"]["x"] == told["robots"]["R1"]["y"] == 0.0
-    assert told["robots"]["R2"]["x"] == pytest.approx(4.0, abs=0.02)
+    assert printed["robots"]["R1"]["x"] == printed["robots"]["R1"]["y"] == 0.0
+    assert printed["robots"]["R2"]["x"] == pytest.approx(4.0, abs=0.02)
 
 
 def test_the_poses_start_a_filter(clt, tmp_path):
     code, out, _ = clt("init", "in.mcap", "-o", "poses.toml", "--json")
     assert code == 0
-    told = json.loads(out)["robots"]
+    printed = json.loads(out)["robots"]
     poses = tomllib.loads((tmp_path / "poses.toml").read_text())
     for name, pose in poses.items():
-        assert pose["x"] == told[name]["x"]
-        sigma = 3.0 * np.sqrt(np.diag(told[name]["covariance"]))
+        assert pose["x"] == printed[name]["x"]
+        sigma = 3.0 * np.sqrt(np.diag(printed[name]["covariance"]))
         assert pose["sigma"] == pytest.approx(sigma.tolist())
     assert clt("localize", "in.mcap", "-o", "file.mcap", "--init", "poses.toml")[0] == 0
     assert clt("localize", "in.mcap", "-o", "auto.mcap")[0] == 0
@@ -120,22 +120,22 @@ def test_which_mirror_image_was_taken_is_said(clt):
 def test_truth_as_the_method(clt, tmp_path):
     code, out, _ = clt("init", "in.mcap", "--method", "truth", "--json")
     assert code == 0
-    told = json.loads(out)
+    printed = json.loads(out)
     truth = load(tmp_path / "in.mcap").recording.truth["R3"]
-    assert told["robots"]["R3"]["x"] == pytest.approx(truth.x[0])
+    assert printed["robots"]["R3"]["x"] == pytest.approx(truth.x[0])
 
 
-def test_what_cannot_be_told_is_named_and_the_rest_is_localized(clt, tmp_path):
+def test_what_cannot_be_known_is_named_and_the_rest_is_localized(clt, tmp_path):
     recording = load(tmp_path / "in.mcap").recording
     still = replace(recording.odometry["R4"], v=0.0 * recording.odometry["R4"].v,
                     omega=0.0 * recording.odometry["R4"].omega)  # fmt: skip
     write(tmp_path / "part.mcap", replace(recording, odometry={**recording.odometry, "R4": still}))
     code, out, err = clt("init", "part.mcap", "--json")
     assert code == 3
-    told = json.loads(out)["robots"]
-    assert told["R4"]["status"] != "ok"
-    assert told["R4"]["why"] in err
-    assert told["R3"]["status"] == told["R5"]["status"] == "ok"
+    printed = json.loads(out)["robots"]
+    assert printed["R4"]["status"] != "ok"
+    assert printed["R4"]["why"] in err
+    assert printed["R3"]["status"] == printed["R5"]["status"] == "ok"
     code, _, err = clt("localize", "part.mcap", "-o", "out.mcap")
     assert code == 3
     assert "R4" in err
@@ -156,22 +156,22 @@ def test_a_log_that_cannot_be_initialized(clt):
     assert "--init FILE" in err.splitlines()[-1]
 
 
-def test_a_reason_that_several_robots_share_is_told_once(clt):
+def test_a_reason_that_several_robots_share_is_said_once(clt):
     clt("simulate", "shi-five", "--duration", "7", "-o", "straight.mcap")
     code, out, err = clt("init", "straight.mcap")
     assert code == 3
-    told = [line for line in err.splitlines() if "(ambiguous)" in line]
-    assert len(told) == 1
-    assert told[0].startswith("clt: warning: R3, R4, R5 (ambiguous): ")
-    assert "its mirror image" in told[0]
-    assert "--init FILE" in told[0]
+    warnings = [line for line in err.splitlines() if "(ambiguous)" in line]
+    assert len(warnings) == 1
+    assert warnings[0].startswith("clt: warning: R3, R4, R5 (ambiguous): ")
+    assert "its mirror image" in warnings[0]
+    assert "--init FILE" in warnings[0]
     lines = [line.split() for line in out.splitlines()]
     assert [line[0] for line in lines] == ["robot", "R1", "R2", "R3", "or", "R4", "or", "R5", "or"]
     for robot, other in zip(lines[3::2], lines[4::2], strict=True):
         assert float(other[2]) == pytest.approx(-float(robot[2]), abs=0.05)
 
 
-def test_static_robots_and_one_that_never_moves_are_told_where_they_stand(clt, tmp_path):
+def test_static_robots_and_one_that_never_moves_are_placed_where_they_stand(clt, tmp_path):
     recording = load(tmp_path / "in.mcap").recording
     still = {name: replace(stream, v=0.0 * stream.v, omega=0.0 * stream.omega)
              for name, stream in recording.odometry.items()}  # fmt: skip
@@ -188,7 +188,7 @@ def test_static_robots_and_one_that_never_moves_are_told_where_they_stand(clt, t
     assert 0.0 < robots["R2"]["covariance"][0][0] < 0.02**2
     for name in ("R3", "R4", "R5"):
         assert robots[name]["status"] == "unobservable"
-        assert robots[name]["why"] == "it never moves: no heading can be told"
+        assert robots[name]["why"] == "it never moves: no heading can be found"
         assert robots[name]["covariance"][2][2] == pytest.approx(np.pi**2)
         assert len(robots[name]["alternatives"]) == 1
         assert robots[name]["alternatives"][0]["y"] == pytest.approx(-robots[name]["y"])
@@ -200,9 +200,9 @@ def test_a_recorded_start_comes_first(clt, tmp_path):
             "stamp_ns": int(recording.odometry["R3"].stamp[0])}  # fmt: skip
     run = {"initial_poses": json.dumps({"R3": pose})}
     write(tmp_path / "known.mcap", recording, run)
-    told = json.loads(clt("init", "known.mcap", "--json")[1])
-    assert told["method"] == "record"
-    assert told["robots"]["R3"]["x"] == 1.0
+    printed = json.loads(clt("init", "known.mcap", "--json")[1])
+    assert printed["method"] == "record"
+    assert printed["robots"]["R3"]["x"] == 1.0
     write(tmp_path / "bad.mcap", recording, {"initial_poses": "no"})
     code, _, err = clt("init", "bad.mcap")
     assert code == 1
@@ -212,14 +212,14 @@ def test_a_recorded_start_comes_first(clt, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "expected"),
     [
         (("--method", "motoin"), "--method motoin: unknown, did you mean `motion`?"),
         (("--set", "gaet=1"), "unknown key `gaet`"),
         (("--json", "-o", "-"), "both want standard output"),
     ],
 )
-def test_wrong_usage(clt, words, told):
+def test_wrong_usage(clt, words, expected):
     code, out, err = clt("init", "in.mcap", *words)
     assert (code, out, err.count("\n")) == (2, "", 1)
-    assert told in err
+    assert expected in err

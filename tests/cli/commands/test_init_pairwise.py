@@ -21,12 +21,12 @@ def log(tmp_path_factory):
     return path
 
 
-def test_relative_poses_are_told_in_the_frame_of_the_first_robot(log):
+def test_relative_poses_are_given_in_the_frame_of_the_first_robot(log):
     done = run("init", log, "--method", "pairwise", "--json")
-    told = json.loads(done.stdout)
-    assert told["method"] == "pairwise"
-    assert told["frame"] == "R1/base_link"
-    robot = told["robots"]["R2"]
+    printed = json.loads(done.stdout)
+    assert printed["method"] == "pairwise"
+    assert printed["frame"] == "R1/base_link"
+    robot = printed["robots"]["R2"]
     assert done.exit_code == (0 if robot["status"] == "ok" else 3)
     assert robot["x"] == pytest.approx(0.0, abs=1.0)
     assert robot["y"] == pytest.approx(2.0, abs=1.0)
@@ -57,9 +57,9 @@ def test_localize_starts_from_pairwise_in_the_frame_that_is_asked_for(log, tmp_p
     out = tmp_path / "out.mcap"
     done = run("localize", log, "-o", out, "--init", "pairwise", "--frame", "ego:R2", "-q")
     assert done.exit_code in {0, 3}
-    told = json.loads(run("evaluate", out, "--json").stdout)
-    assert told["frame"] == "R2/base_link"
-    assert told["robots"]["R1"]["estimate"]["ape"]["rmse"] < 1.0
+    printed = json.loads(run("evaluate", out, "--json").stdout)
+    assert printed["frame"] == "R2/base_link"
+    assert printed["robots"]["R1"]["estimate"]["ape"]["rmse"] < 1.0
 
 
 @pytest.fixture(scope="module")
@@ -78,9 +78,9 @@ def anchored(tmp_path_factory):
 
 def test_one_anchor_and_the_truth_of_one_robot_start_all(anchored, tmp_path):
     done = run("init", anchored, "--json")
-    told = json.loads(done.stdout)
-    assert (done.exit_code, told["method"], told["frame"]) == (0, "pairwise", "world")
-    assert {robot["status"] for robot in told["robots"].values()} == {"ok"}
+    printed = json.loads(done.stdout)
+    assert (done.exit_code, printed["method"], printed["frame"]) == (0, "pairwise", "world")
+    assert {robot["status"] for robot in printed["robots"].values()} == {"ok"}
     assert "from the ground truth of R2, what is surveyed" in done.stderr
     out = tmp_path / "out.mcap"
     assert run("localize", anchored, "-o", out).exit_code == 0

@@ -105,17 +105,17 @@ def test_says_where_everybody_ends(clt):
 def test_json_is_one_object(clt, tmp_path):
     code, out, _ = clt(*LOCALIZE, "--init", "truth", "--json")
     assert code == 0
-    told = json.loads(out)
-    assert {key: told[key] for key in ("log", "filter", "frame", "init", "warnings")} == {
+    printed = json.loads(out)
+    assert {key: printed[key] for key in ("log", "filter", "frame", "init", "warnings")} == {
         "log": "out.mcap", "filter": "eskf", "frame": "world", "init": "truth", "warnings": [],
     }  # fmt: skip
-    assert set(told["timings"]) == {"read_s", "init_s", "filter_s", "compile_s"}
+    assert set(printed["timings"]) == {"read_s", "init_s", "filter_s", "compile_s"}
     innovations = load(tmp_path / "out.mcap").recording.innovations
     used = int(innovations.accepted.sum())
-    assert told["ranges"] == {"used": used, "rejected": 720 - used}
+    assert printed["ranges"] == {"used": used, "rejected": 720 - used}
     estimate = load(tmp_path / "out.mcap").recording.estimate
-    assert set(told["final"]) == set(estimate)
-    for name, pose in told["final"].items():
+    assert set(printed["final"]) == set(estimate)
+    for name, pose in printed["final"].items():
         track = estimate[name]
         last = [track.x[-1], track.y[-1], track.heading[-1]]
         assert pose["mean"] == pytest.approx(last, abs=1e-12)
@@ -143,7 +143,7 @@ def test_the_result_holds_truth_estimates_baseline_and_innovations(clt, tmp_path
     assert count == len(messages(tmp_path / "out.mcap"))
 
 
-def test_scenes_unless_told_otherwise(clt, tmp_path):
+def test_scenes_unless_refused(clt, tmp_path):
     assert clt(*LOCALIZE, "--init", "truth")[0] == 0
     assert {"/tf", "/clt/scene"} <= {topic for topic, *_ in messages(tmp_path / "out.mcap")}
 
@@ -189,8 +189,8 @@ def test_settings_by_precedence(clt, tmp_path):
     assert clt(*mine, CLT_GATE="6", CLT_NOISE__SIGMA_V="0.4")[0] == 0
     assert (config(out)["gate"], config(out)["noise"]["sigma_v"]) == (6.0, 0.4)
     assert clt(*mine, "--set", "gate=7", CLT_GATE="6")[0] == 0
-    told = config(out)
-    assert (told["gate"], told["reacquire"], told["noise"]["sigma_v"]) == (7.0, 7.0, 0.3)
+    written = config(out)
+    assert (written["gate"], written["reacquire"], written["noise"]["sigma_v"]) == (7.0, 7.0, 0.3)
 
 
 def test_settings_reach_the_filter(clt, tmp_path):
@@ -242,8 +242,8 @@ def test_a_robot_without_a_pose_is_named_and_the_others_are_localized(clt, tmp_p
         ("R4", "partial"), ("R5", "partial"),
     ]  # fmt: skip
     assert found[0]["text"] == "R4 has no initial pose: not localized"
-    told = json.loads(run_record(tmp_path / "out.mcap")["warnings"])
-    assert "R5 has no initial pose: not localized" in told
+    printed = json.loads(run_record(tmp_path / "out.mcap")["warnings"])
+    assert "R5 has no initial pose: not localized" in printed
 
 
 def test_a_calibration_is_applied_first(clt, tmp_path):
@@ -256,7 +256,7 @@ def test_a_calibration_is_applied_first(clt, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "expected"),
     [
         (("--filter", "ekff"), "--filter ekff: unknown"),
         (("--frame", "wrld"), "--frame wrld: unknown, did you mean `world`?"),
@@ -277,12 +277,12 @@ def test_a_calibration_is_applied_first(clt, tmp_path):
         (("--streams", "none.toml"), "none.toml: No such file"),
     ],
 )
-def test_wrong_usage_ends_in_one_line_and_code_2(clt, tmp_path, words, told):
+def test_wrong_usage_ends_in_one_line_and_code_2(clt, tmp_path, words, expected):
     (tmp_path / "bad.toml").write_text("[R3\nx = 1")
     (tmp_path / "who.toml").write_text("[R33]\nx = 1\ny = 1")
     code, out, err = clt(*LOCALIZE, *words)
     assert (code, out) == (2, "")
-    assert told in err
+    assert expected in err
     assert err.startswith("clt: error: ")
     assert err.count("\n") == 1
     assert not (tmp_path / "out.mcap").exists()

@@ -52,11 +52,11 @@ def test_in_the_frame_of_an_ego_all_others_are_neighbours(clt, folder):
     result = load(folder / "ego.mcap").recording
     assert set(result.estimate) == set(result.dead_reckoning) == {"R1", "R2", "R4", "R5"}
     assert {poses.frame for poses in result.estimate.values()} == {"R3/base_link"}
-    told = scores(clt, "ego.mcap")
-    assert told["frame"] == "R3/base_link"
+    printed = scores(clt, "ego.mcap")
+    assert printed["frame"] == "R3/base_link"
     for name in ("R1", "R2", "R4", "R5"):
-        assert told["robots"][name]["estimate"]["ape"]["rmse"] < 0.5
-        assert told["robots"][name]["dead_reckoning"]["ape"]["rmse"] > 0.0
+        assert printed["robots"][name]["estimate"]["ape"]["rmse"] < 0.5
+        assert printed["robots"][name]["dead_reckoning"]["ape"]["rmse"] > 0.0
 
 
 def test_relative_and_absolute_estimates_agree(clt, folder):
@@ -92,21 +92,21 @@ def test_poses_relative_to_the_ego_from_a_file(clt, folder):
     (folder / "relative.toml").write_text("".join(lines))
     words = ("--frame", "ego:R3", "--filter", "ekf", "--init", "relative.toml", "-q")
     assert clt("localize", "in.mcap", "-o", "file.mcap", *words) == (0, "", "")
-    told = scores(clt, "file.mcap")
-    assert all(robot["estimate"]["ape"]["rmse"] < 0.5 for robot in told["robots"].values())
+    printed = scores(clt, "file.mcap")
+    assert all(robot["estimate"]["ape"]["rmse"] < 0.5 for robot in printed["robots"].values())
 
 
-def test_errors_of_the_odometry_are_estimated_and_told(clt):
+def test_errors_of_the_odometry_are_estimated_and_printed(clt):
     words = ("--set", "noise.scale=0.05", "--set", "noise.bias=0.05")
     code, _, err = localize(clt, "calibrated.mcap", *words)
     assert code == 0
-    told = [line for line in err.splitlines() if line.startswith("odometry of")]
-    assert [line.split()[2] for line in told] == ["R3:", "R4:", "R5:"]
-    assert all("scale" in line and "rad/s" in line for line in told)
+    lines = [line for line in err.splitlines() if line.startswith("odometry of")]
+    assert [line.split()[2] for line in lines] == ["R3:", "R4:", "R5:"]
+    assert all("scale" in line and "rad/s" in line for line in lines)
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "expected"),
     [
         (["--frame", "ego"], "--frame ego: not world, ego:NAME or mutual:A,B"),
         (["--frame", "ego:R9"], "--frame: no robot `R9` in the log, did you mean"),
@@ -117,11 +117,11 @@ def test_errors_of_the_odometry_are_estimated_and_told(clt):
         (["--frame", "ego:R3", "--set", "process=shi"], "use --frame world"),
     ],
 )
-def test_what_does_not_exist_is_refused_in_one_line(clt, words, told):
+def test_what_does_not_exist_is_refused_in_one_line(clt, words, expected):
     code, out, err = localize(clt, "no.mcap", *words)
     lines = [line for line in err.splitlines() if not line.startswith("compiling")]
     assert (code, out, len(lines)) == (2, "", 1)
-    assert told in lines[0]
+    assert expected in lines[0]
 
 
 def test_what_was_known_when_is_another_answer_than_what_the_log_holds(clt, folder):
@@ -153,7 +153,7 @@ def test_without_static_robots_a_relative_start_comes_from_the_pairs(clt, folder
     assert clt("localize", *words)[0] == 0
     words = ("two.mcap", "-o", "one.mcap", "--frame", "ego:R1", "--filter", "ekf", "-q")
     code, _, err = clt("localize", *words)
-    assert code == 3  # one Gaussian cannot tell whether it began at the right one
+    assert code == 3  # one Gaussian cannot know whether it began at the right one
     assert "R2 (ambiguous)" in err
     code, out, err = clt("localize", "two.mcap", "-o", "none.mcap")
     assert (code, out) == (1, "")
@@ -166,10 +166,10 @@ def test_a_world_that_begins_where_a_robot_stood_is_no_frame_that_moves_with_it(
     assert clt(*words)[0] == 3
     estimate = load(folder / "fixed.mcap").recording.estimate
     assert {poses.frame for poses in estimate.values()} == {"R1/start"}
-    told = scores(clt, "fixed.mcap")
-    assert (told["frame"], told["align"]) == ("R1/start", "se2")
-    assert set(told["robots"]) == {"R1", "R2"}
-    assert told["team"]["estimate"]["ape"]["rmse"] < 0.7
+    printed = scores(clt, "fixed.mcap")
+    assert (printed["frame"], printed["align"]) == ("R1/start", "se2")
+    assert set(printed["robots"]) == {"R1", "R2"}
+    assert printed["team"]["estimate"]["ape"]["rmse"] < 0.7
 
 
 @pytest.mark.parametrize("filter_", ["mixture", "pf"])
@@ -185,9 +185,9 @@ def test_nothing_is_ever_known_of_the_heading_of_a_static_robot(clt, folder, fil
         assert poses.stamp.size > 100
         np.testing.assert_allclose(poses.covariance[:, 2, 2], np.pi**2 / 3.0, rtol=1e-9)
     if filter_ == "mixture":
-        told = scores(clt, "still-out.mcap")
-        assert told["team"]["estimate"]["heading"] is None
-        assert told["team"]["estimate"]["ape"]["rmse"] < 0.3
+        printed = scores(clt, "still-out.mcap")
+        assert printed["team"]["estimate"]["heading"] is None
+        assert printed["team"]["estimate"]["ape"]["rmse"] < 0.3
 
 
 def test_ranges_that_scatter_more_than_stated_end_with_three(clt):
@@ -210,17 +210,17 @@ def test_ranges_that_scatter_more_than_stated_end_with_three(clt):
 
 
 @pytest.mark.parametrize(
-    ("graph", "told"),
+    ("graph", "expected"),
     [
         ("R1-R9", "communication.graph: no robot `R9` in the team, did you mean"),
         ("lines", "communication.graph: `lines` is not complete, line, ring or links as A-B,B-C"),
     ],
 )
-def test_a_scenario_with_a_network_that_cannot_be_is_refused(clt, folder, graph, told):
+def test_a_scenario_with_a_network_that_cannot_be_is_refused(clt, folder, graph, expected):
     words = ("simulate", "li-three", "-o", "net.mcap", "--set", f"communication.graph={graph}")
     code, out, err = clt(*words)
     assert (code, out) == (2, "")
-    assert told in err
+    assert expected in err
     assert not (folder / "net.mcap").exists()
 
 
@@ -232,8 +232,8 @@ def test_the_network_of_a_scenario_is_that_of_the_distributed_filter(clt, folder
 
     def settings(out, *more):
         words = ("--filter", "dpf", "--frame", "ego:R1", "--init", "truth", "-q")
-        code, _, told = clt("localize", "line.mcap", "-o", out, *words, *more)
-        assert code in {0, 3}, told
+        code, _, err = clt("localize", "line.mcap", "-o", out, *words, *more)
+        assert code in {0, 3}, err
         run = load(folder / out).recording.run
         return json.loads(run["config"])["dpf"], json.loads(run["traffic"])
 

@@ -63,21 +63,21 @@ def test_four_solutions_of_two_steady_drives():
     assert team("--moving", 2, "--frame", "ego", "--steady", "all")["solutions"] == 4
     assert team("--moving", 2, "--frame", "ego", "--straight", "all")["solutions"] == 2
     assert team("--moving", 2)["solutions"] is None
-    told = clt("--moving", 2, "--frame", "ego", "--steady", "all").stdout
-    assert "no range excludes (4 solutions in all):" in told
+    out = clt("--moving", 2, "--frame", "ego", "--steady", "all").stdout
+    assert "no range excludes (4 solutions in all):" in out
 
 
 def test_singular_states_are_not_called_hidden():
     words = ("--moving", 2, "--frame", "ego", "--in-line", "all")
     found = team(*words)
     assert found["second_order"] == found["unobservable"] != []
-    told = clt(*words).stdout
-    assert "tell only to second order" in told
-    assert "no range tells" not in told
+    out = clt(*words).stdout
+    assert "observed only to second order" in out
+    assert "no range observes" not in out
     assert team("--moving", 2)["second_order"] == []
 
 
-def test_people_are_told_directions_images_and_remedies():
+def test_people_read_directions_images_and_remedies():
     result = clt("--moving", 2, "--static", 1, "--known", 1, "-v")
     assert "NOT observable: rank 5 of 6, nullity 1" in result.stdout
     assert "rotation about static robot S1" in result.stdout
@@ -128,7 +128,7 @@ def test_a_log_is_analysed_window_by_window(log):
         assert (window["dimension"], window["rank"]) == (9, 8)
 
 
-def test_noise_can_be_told(log):
+def test_noise_can_be_given(log):
     sigma = [
         team(log, "--frame", "ego:R2", "--set", f"noise.sigma_range={value}")["windows"][0][
             "robots"
@@ -185,8 +185,8 @@ def test_packets_are_ranged_first(tmp_path, monkeypatch):
     raw = ["simulate", "shi-five", "--duration", "20", "--set", "radio={}", "-o", "raw.mcap", "-q"]
     assert CliRunner().invoke(app, raw).exit_code == 0
     result = CliRunner().invoke(app, ["observability", "raw.mcap", "--json"])
-    told = json.loads(result.stdout)
-    assert (told["dimension"], told["rank"], told["diagnostics"]) == (13, 13, [])
+    printed = json.loads(result.stdout)
+    assert (printed["dimension"], printed["rank"], printed["diagnostics"]) == (13, 13, [])
 
 
 def test_a_result_in_a_frame_of_ranges_is_asked_in_that_frame(tmp_path):

@@ -46,16 +46,16 @@ def test_packets_become_ranges_and_odometry(raw, tmp_path):
     assert info["ranges"] == after.ranges.stamp.size
 
 
-def test_json_tells_the_clocks(raw, tmp_path):
+def test_json_gives_the_clocks(raw, tmp_path):
     out = tmp_path / "ranges.mcap"
-    told = json.loads(clt("range", raw, "-o", out, "--json", "-q").stdout)
-    assert (told["method"], told["warnings"], told["diagnostics"]) == ("clock", [], [])
-    assert told["common_clock"].startswith("the listener's clock")
-    assert [one["ends"] for one in told["pairs"]][:2] == [["R1", "R2"], ["R1", "R3"]]
-    for one in told["pairs"]:
+    printed = json.loads(clt("range", raw, "-o", out, "--json", "-q").stdout)
+    assert (printed["method"], printed["warnings"], printed["diagnostics"]) == ("clock", [], [])
+    assert printed["common_clock"].startswith("the listener's clock")
+    assert [one["ends"] for one in printed["pairs"]][:2] == [["R1", "R2"], ["R1", "R3"]]
+    for one in printed["pairs"]:
         assert abs(one["skew"]) < 21e-6
         assert one["stamp_sigma"] == pytest.approx(150e-12, rel=0.1)
-    assert sum(one["ranges"] for one in told["pairs"]) == told["ranges"]
+    assert sum(one["ranges"] for one in printed["pairs"]) == printed["ranges"]
 
 
 def test_same_log_same_bytes(raw, tmp_path):
@@ -71,14 +71,14 @@ def test_same_log_same_bytes(raw, tmp_path):
 )
 def test_options(raw, tmp_path, words, method):
     out = tmp_path / "out.mcap"
-    told = json.loads(clt("range", raw, "-o", out, "--json", *words).stdout)
-    assert told["method"] == method
+    printed = json.loads(clt("range", raw, "-o", out, "--json", *words).stdout)
+    assert printed["method"] == method
 
 
 def test_noise_that_is_given_is_believed(raw, tmp_path):
     words = ["-o", tmp_path / "out.mcap", "--noise", 300, "--json"]
-    told = json.loads(clt("range", raw, *words).stdout)
-    assert told["pairs"][0]["stamp_sigma"] == pytest.approx(300e-12, rel=1e-3)
+    printed = json.loads(clt("range", raw, *words).stdout)
+    assert printed["pairs"][0]["stamp_sigma"] == pytest.approx(300e-12, rel=1e-3)
 
 
 def test_localize_ranges_raw_packets_by_itself(raw, tmp_path):

@@ -188,7 +188,7 @@ REAL = (
 )  # fmt: skip
 
 
-def test_of_the_documented_reality_only_the_overtaking_is_told(clt):
+def test_of_the_documented_reality_only_the_overtaking_is_warned_of(clt):
     """Stamps of fast clocks, some ahead of their own arrival, are no fault."""
     words = [word for key in REAL for word in ("--set", key)]
     assert clt("simulate", "araki-five", *words, "-o", "a.mcap").exit_code == 0

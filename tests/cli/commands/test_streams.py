@@ -58,7 +58,7 @@ def drafted(path):
 
 def test_a_newcomers_bag(tmp_path):
     """Two robots, an anchor, the truth of one: few lines, all of which hold."""
-    file, told = drafted(ros_bag(tmp_path / "bag", team(2.0), frame="map"))
+    file, draft = drafted(ros_bag(tmp_path / "bag", team(2.0), frame="map"))
     assert file == {
         "frame": "map",
         "robots": {
@@ -68,8 +68,8 @@ def test_a_newcomers_bag(tmp_path):
         },
         "ranges": [{"topic": "/uwb/{source}/{target}"}],
     }
-    assert told["ranges"] == 30
-    assert [topic["name"] for topic in told["topics"] if not topic["used"]] == ["/rosout"]
+    assert draft["ranges"] == 30
+    assert [topic["name"] for topic in draft["topics"] if not topic["used"]] == ["/rosout"]
 
 
 def test_the_lab_with_turtles(tmp_path):
@@ -86,7 +86,7 @@ def test_the_lab_with_turtles(tmp_path):
             "/uwb/tof/n_3/n_2/distance": RANGE,
         },
     )
-    file, told = drafted(path)
+    file, draft = drafted(path)
     robots = file["robots"]
     assert robots["turtle01"] == {
         "odometry": "/turtle01/odom",
@@ -96,13 +96,13 @@ def test_the_lab_with_turtles(tmp_path):
     assert robots["turtle03"]["ground_truth"] == "/vrpn_client_node/turtlebot3/pose"
     assert robots["turtle03"]["alias"] == "n_3"
     assert file["ranges"] == [{"topic": "/uwb/tof/{source}/{target}/distance"}]
-    assert told["ranges"] > 0
+    assert draft["ranges"] > 0
 
 
 def test_topics_that_name_the_anchor_only_are_ranges_of_the_robot_that_drives(tmp_path):
     topics = {"/odom": "odometry", "/mocap/A1_still/pose": "pose", "/front/range": RANGE}
     topics |= {f"/uwb/A{k}/distance": FLOAT for k in (0, 1, 2)}
-    file, told = drafted(log(tmp_path / "x.mcap", topics))
+    file, draft = drafted(log(tmp_path / "x.mcap", topics))
     assert file["robots"] == {
         "robot": {"odometry": "/odom"},
         "A0": {"static": True},
@@ -110,13 +110,13 @@ def test_topics_that_name_the_anchor_only_are_ranges_of_the_robot_that_drives(tm
         "A2": {"static": True},
     }
     assert file["ranges"] == [{"topic": "/uwb/{target}/distance", "source": "robot"}]
-    assert told["ranges"] == 6
+    assert draft["ranges"] == 6
 
 
 def test_which_robot_measured_is_open_where_several_drive(tmp_path):
     topics = {"/tb1/odom": "odometry", "/tb2/odom": "odometry", "/uwb/A1/distance": FLOAT}
-    file, told = drafted(log(tmp_path / "x.mcap", topics))
-    assert (file.get("ranges"), told["ranges"]) == (None, 0)
+    file, draft = drafted(log(tmp_path / "x.mcap", topics))
+    assert (file.get("ranges"), draft["ranges"]) == (None, 0)
 
 
 def test_seven_nodes_are_one_pattern(tmp_path):
@@ -126,12 +126,12 @@ def test_seven_nodes_are_one_pattern(tmp_path):
     topics |= {f"/vrpn_client_node/turtlebot{k}/pose": "pose" for k in range(1, 4)}
     topics |= {f"/vrpn_client_node/turtlebot{k}_still/pose": "pose" for k in range(4, 7)}
     path = log(tmp_path / "x.mcap", topics)
-    file, told = drafted(path)
-    assert len(told["pairs"]) > 20
+    file, draft = drafted(path)
+    assert len(draft["pairs"]) > 20
     assert len(file["ranges"]) == 1
     assert file["ground_truth"] == "/vrpn_client_node/{robot}/pose"
     assert file["robots"]["turtlebot1"] == {"alias": "n_1"}
-    assert told["robots"]["turtlebot1"]["truth"]["count"] == 2
+    assert draft["robots"]["turtlebot1"]["truth"]["count"] == 2
     static = [name for name, robot in file["robots"].items() if robot.get("static", False)]
     assert static == ["turtlebot4_still", "turtlebot5_still", "turtlebot6_still", "n_7"]
     text = clt("streams", path).stdout
@@ -144,7 +144,7 @@ def test_many_robots_are_patterns(tmp_path):
     topics |= {f"/mocap/{name}/pose": "pose" for name in names}
     topics |= {f"/ranges/{a}_to_{b}": FLOAT for a in names for b in names if a < b}
     topics["/ranges/R1_to_A1"] = FLOAT
-    file, told = drafted(log(tmp_path / "x.mcap", topics))
+    file, draft = drafted(log(tmp_path / "x.mcap", topics))
     assert file == {
         "frame": "map",
         "odometry": "/{robot}/wheel/odom",
@@ -152,8 +152,8 @@ def test_many_robots_are_patterns(tmp_path):
         "robots": {"A1": {"static": True}},
         "ranges": [{"topic": "/ranges/{source}_to_{target}"}],
     }
-    assert len(told["pairs"]) == 11
-    assert set(told["robots"]) == {*names, "A1"}
+    assert len(draft["pairs"]) == 11
+    assert set(draft["robots"]) == {*names, "A1"}
 
 
 def test_a_robot_and_its_names_in_one_level(tmp_path):
@@ -191,10 +191,10 @@ def test_where_a_standing_truth_is(tmp_path):
 
 def test_json_and_files(tmp_path):
     path = log(tmp_path / "x.mcap", {"/tb1/odom": "odometry", "/uwb/tb1/A1": FLOAT})
-    told = json.loads(clt("streams", path, "--json").stdout)
-    assert told["robots"] == ["tb1", "A1"]
-    assert told["topics"][1]["guess"] == "range from tb1 to A1"
-    assert "[robots.tb1]" in told["streams"]
+    printed = json.loads(clt("streams", path, "--json").stdout)
+    assert printed["robots"] == ["tb1", "A1"]
+    assert printed["topics"][1]["guess"] == "range from tb1 to A1"
+    assert "[robots.tb1]" in printed["streams"]
     output = tmp_path / "s.toml"
     output.write_text("mine")
     assert clt("streams", path, "-o", output).exit_code == 1
@@ -225,8 +225,8 @@ def test_info_says_what_it_did_not_read(tmp_path):
     assert done.exit_code == 0
     assert "range from tb1 to A1" in done.stdout
     assert "clt streams" in done.stdout
-    told = json.loads(clt("info", path, "--json").stdout)
-    assert {topic["name"]: (topic["used"], topic["guess"]) for topic in told["topics"]} == {
+    printed = json.loads(clt("info", path, "--json").stdout)
+    assert {topic["name"]: (topic["used"], topic["guess"]) for topic in printed["topics"]} == {
         "/tb1/odom": (True, None),
         "/uwb/tb1/A1": (False, "range from tb1 to A1"),
         "/img": (False, None),

@@ -398,11 +398,11 @@ def test_dead_reckoning_is_what_was_known_too():
         assert least <= np.abs(known[name].x[own] - sure[name].x[other]).max() <= most
 
 
-def test_doubtful_log_times_are_told():
+def test_doubtful_log_times_are_reported():
     recording = team_recording(seed=12, seconds=2.0)
     start = from_truth(recording, SIGMA)
     (same,) = warnings_of(received.replay_recording(recording, start, DEFAULTS))
-    assert same == "every message arrived at its own stamp: the log tells of no delays"
+    assert same == "every message arrived at its own stamp: the log shows no delays"
     hour = 3_600_000 * MS
     (early,) = warnings_of(
         received.replay_recording(

@@ -77,8 +77,8 @@ def test_complete_graph_with_shared_particles_is_the_centralized_filter():
 def test_every_robot_knows_as_much_as_a_filter_with_all_data(ego):
     recording = team()
     problem = problem_of(recording, ego)
-    told, central = solve_dpf(problem, settings()), solve_mixture(problem, settings())
-    reached, best = (rmse(recording, problem, each, ego) for each in (told, central))
+    distributed, central = solve_dpf(problem, settings()), solve_mixture(problem, settings())
+    reached, best = (rmse(recording, problem, each, ego) for each in (distributed, central))
     assert reached < 1.02 * best
 
 
@@ -97,7 +97,7 @@ def test_a_line_comes_close_in_twenty_iterations():
     assert np.sqrt(squares[0] / squares[1]) == pytest.approx(1.0, abs=0.05)
 
 
-def test_few_iterations_on_a_line_tell_less():
+def test_few_iterations_on_a_line_inform_less():
     """R1 never hears what R2 measured to R3 without an iteration."""
     problem = problem_of(team())
     alone, once, twice = (
@@ -112,11 +112,11 @@ def test_few_iterations_on_a_line_tell_less():
 def test_functions_of_the_distance_lose_nothing():
     """With ranges at the ends of rounds every robot is the centralized mixture."""
     problem = problem_of(team())
-    told, central = solve_dpf(problem, settings()), solve_mixture(problem, settings())
+    distributed, central = solve_dpf(problem, settings()), solve_mixture(problem, settings())
     sigma = np.sqrt(np.diagonal(central.covariance, axis1=1, axis2=2))
-    assert (np.abs(told.mean - central.mean) < 0.1 * sigma).all()
+    assert (np.abs(distributed.mean - central.mean) < 0.1 * sigma).all()
     np.testing.assert_allclose(
-        np.sqrt(np.diagonal(told.covariance, axis1=1, axis2=2)), sigma, rtol=0.1
+        np.sqrt(np.diagonal(distributed.covariance, axis1=1, axis2=2)), sigma, rtol=0.1
     )
 
 
@@ -161,7 +161,7 @@ def test_particles_spread_as_the_kalman_filters_believe():
 
 
 def test_ranges_are_carried_to_the_end_of_their_round():
-    """Without noise exactly: the odometry tells how the distance changes."""
+    """Without noise exactly: the odometry gives how the distance changes."""
     recording = team(noise=1e-6, range_rate=10, shift=37_000_000)
     problem = problem_of(recording, sigma=(1e-6, 1e-6, 1e-6))
     rounds = make_rounds(problem, 0.5)
@@ -170,17 +170,17 @@ def test_ranges_are_carried_to_the_end_of_their_round():
     path = PropagatedState(
         problem.mean.copy(), np.full(3, problem.start), problem.segments.first[:-1].copy()
     )
-    told = ranges_at_round_end(
+    carried = ranges_at_round_end(
         path, select_ranges(problem.ranges, slice(first, last)), now, problem
     )
     k = np.searchsorted(recording.truth["R1"].stamp, now)
     place = {name: np.array([t.x[k], t.y[k]]) for name, t in recording.truth.items()}
     names = ("R1", *problem.robots)
-    for m in range(told.stamp.size):
-        a, b = (names[max(end, -1) + 1] for end in (told.a[m], told.b[m]))
-        assert told.range[m] == pytest.approx(np.linalg.norm(place[a] - place[b]), abs=0.01)
-        assert told.variance[m] > problem.ranges.variance[first + m]
-    assert told.stamp.tolist() == [now] * told.stamp.size
+    for m in range(carried.stamp.size):
+        a, b = (names[max(end, -1) + 1] for end in (carried.a[m], carried.b[m]))
+        assert carried.range[m] == pytest.approx(np.linalg.norm(place[a] - place[b]), abs=0.01)
+        assert carried.variance[m] > problem.ranges.variance[first + m]
+    assert carried.stamp.tolist() == [now] * carried.stamp.size
 
 
 def test_long_rounds_cost_little():
@@ -196,5 +196,5 @@ def test_long_rounds_cost_little():
 def test_without_ranges_odometry_is_left(likelihood):
     recording = team(seconds=3.0)
     problem = problem_of(replace(recording, ranges=part(recording.ranges, slice(0))))
-    told = solve_dpf(problem, settings(likelihood=likelihood, particles=2000))
-    np.testing.assert_allclose(told.mean, solve_ekf(problem, settings()).mean, atol=0.02)
+    solution = solve_dpf(problem, settings(likelihood=likelihood, particles=2000))
+    np.testing.assert_allclose(solution.mean, solve_ekf(problem, settings()).mean, atol=0.02)

@@ -350,11 +350,11 @@ def test_parabolas_add_up_and_come_out_as_single_ranges():
     pairs = select_ranges(own, np.array([0, 2]))
     rounds = SimpleNamespace(pairs=pairs)
     one = member(GaussianMember, rounds=rounds, problem=None)
-    told = GaussianMember.message(one, own, None, np.array([0, 0, 1])).reshape(-1, 3)
-    np.testing.assert_allclose(told, [[125.0, 425.0, 1.0], [50.0, 200.0, 1.0]])
+    message = GaussianMember.message(one, own, None, np.array([0, 0, 1])).reshape(-1, 3)
+    np.testing.assert_allclose(message, [[125.0, 425.0, 1.0], [50.0, 200.0, 1.0]])
 
 
-def test_numbers_that_came_only_in_part_tell_the_same_range(monkeypatch):
+def test_numbers_that_came_only_in_part_show_the_same_range(monkeypatch):
     own = table([(1, 0, 1, 0, 0, 3.0), (1, 1, 0, 0, 0, 4.0)])
     seen = []
     monkeypatch.setattr(GaussianMember, "_run", lambda self, *arguments: seen.append(arguments))
@@ -377,10 +377,10 @@ def test_particles_are_weighed_by_all_members_of_a_group():
     h = np.array([[1.0, 2.0, 3.0], [2.0, 2.0, 2.0]])
     ranges = table([(1, 0, 1, 0, 0, 2.0), (1, 0, 1, 0, 0, 2.5)])
     ranges = ranges._replace(weight_variance=np.array([0.5, 0.25]))
-    told = ParticleMember.message(one, ranges, h, None)
-    np.testing.assert_allclose(told, [-1.0 - 0.5, -0.5, -1.0 - 0.5])
-    ParticleMember.fuse(one, told, 2, 0)
-    share = np.array([0.5, 0.3, 0.2]) * np.exp(2.0 * told)
+    message = ParticleMember.message(one, ranges, h, None)
+    np.testing.assert_allclose(message, [-1.0 - 0.5, -0.5, -1.0 - 0.5])
+    ParticleMember.fuse(one, message, 2, 0)
+    share = np.array([0.5, 0.3, 0.2]) * np.exp(2.0 * message)
     np.testing.assert_allclose(np.exp(cloud.log_weight), share / share.sum())
     ParticleMember.take(one, np.array([2, 2, 0]))
     assert cloud.x[:, 0].tolist() == [6.0, 6.0, 0.0]

@@ -56,16 +56,18 @@ def test_a_robot_that_drops_out_or_joins_does_not_stop_the_others(likelihood, fi
     recording = without(whole, "R3", first, last)
     run = settings(likelihood=likelihood, particles=1000)
     problem, all_there = problem_of(recording), problem_of(whole)
-    told, reference = solve_dpf(problem, run), solve_dpf(all_there, run)
-    assert np.isfinite(told.mean).all()
+    solution, reference = solve_dpf(problem, run), solve_dpf(all_there, run)
+    assert np.isfinite(solution.mean).all()
     at = problem.outputs.stamp
-    others = errors(recording, problem, told.mean)[problem.outputs.robot == 0]
+    others = errors(recording, problem, solution.mean)[problem.outputs.robot == 0]
     assert np.sqrt(np.mean(others**2)) < 0.5
-    back = errors(recording, problem, told.mean)[(at > 27 * SECOND) & (problem.outputs.robot == 1)]
+    back = errors(recording, problem, solution.mean)[
+        (at > 27 * SECOND) & (problem.outputs.robot == 1)
+    ]
     if last < 20:
         assert np.median(back) < 0.5
-    assert told.traffic["R3"]["messages_sent"] < reference.traffic["R3"]["messages_sent"]
-    handed = told.traffic["R1"]["bytes_heard"] + told.traffic["R3"]["bytes_heard"]
+    assert solution.traffic["R3"]["messages_sent"] < reference.traffic["R3"]["messages_sent"]
+    handed = solution.traffic["R1"]["bytes_heard"] + solution.traffic["R3"]["bytes_heard"]
     assert handed > 0
 
 
@@ -74,9 +76,9 @@ def test_a_robot_that_was_away_takes_over_what_the_others_know(likelihood):
     """R3 is the ego: what it says while it is off grows uncertain, and is right once it is back."""
     recording = without(team(seconds=30.0, range_rate=5), "R3", 6, 14)
     problem = problem_of(recording, "R3")
-    told = solve_dpf(problem, settings(likelihood=likelihood, particles=5000))
-    found = errors(recording, problem, told.mean, "R3")
-    at, sigma = problem.outputs.stamp, np.sqrt(told.covariance[:, 0, 0])
+    solution = solve_dpf(problem, settings(likelihood=likelihood, particles=5000))
+    found = errors(recording, problem, solution.mean, "R3")
+    at, sigma = problem.outputs.stamp, np.sqrt(solution.covariance[:, 0, 0])
     off = (at > 12 * SECOND) & (at < 14 * SECOND)
     assert np.median(sigma[off]) > 2.0 * np.median(sigma[at < 6 * SECOND])
     lost = float(np.median(found[off]))
@@ -116,14 +118,14 @@ def test_robots_out_of_reach_are_not_heard(likelihood):
 
 
 def test_without_consensus_every_robot_draws_its_own_particles():
-    """Nobody is told which to copy, and nothing is sent but odometry."""
+    """Nobody is given which to copy, and nothing is sent but odometry."""
     problem = problem_of(team(seconds=6.0))
-    told = solve_dpf(problem, settings(likelihood="shared", iterations=0, particles=500))
+    solution = solve_dpf(problem, settings(likelihood="shared", iterations=0, particles=500))
     once = solve_dpf(problem, settings(likelihood="shared", iterations=1, particles=500))
-    silent, talking = (run.traffic["R1"]["bytes_sent"] for run in (told, once))
+    silent, talking = (run.traffic["R1"]["bytes_sent"] for run in (solution, once))
     samples = 40 * run_samples(problem)
     assert silent == samples < talking
-    w = np.exp(told.belief.log_weight)
+    w = np.exp(solution.belief.log_weight)
     assert 1.0 / np.sum(w**2) > 100.0
 
 
@@ -133,10 +135,10 @@ def test_without_consensus_own_ranges_count_once():
     for seed in range(4):
         recording = team(seed, seconds=10.0)
         problem = problem_of(recording)
-        told = solve_dpf(problem, settings(likelihood="shared", iterations=0, particles=800))
+        solution = solve_dpf(problem, settings(likelihood="shared", iterations=0, particles=800))
         late = problem.outputs.stamp > 3 * SECOND
-        squared.append(np.mean(errors(recording, problem, told.mean)[late] ** 2))
-        claimed.append(np.trace(told.covariance[late][:, :2, :2], axis1=1, axis2=2).mean())
+        squared.append(np.mean(errors(recording, problem, solution.mean)[late] ** 2))
+        claimed.append(np.trace(solution.covariance[late][:, :2, :2], axis1=1, axis2=2).mean())
     assert np.mean(squared) < 1.6 * np.mean(claimed)
 
 
@@ -155,8 +157,8 @@ def run_samples(problem):
 def test_a_robot_out_of_reach_is_warned_of():
     recording = team(seconds=8.0)
     problem = problem_of(recording)
-    told = solve_dpf(problem, settings(reach=0.001))
-    lines = disconnected_warnings(problem, told)
+    solution = solve_dpf(problem, settings(reach=0.001))
+    lines = disconnected_warnings(problem, solution)
     assert len(lines) == 2
     assert texts(lines)[0].startswith("R2 was out of reach of R1 for ")
 
@@ -248,10 +250,10 @@ def test_the_covariance_of_robots_out_of_reach_holds_their_errors():
     for seed in range(3):
         recording = team(seed, seconds=30.0)
         problem = problem_of(recording)
-        told = solve_dpf(problem, settings(reach=0.001))
+        solution = solve_dpf(problem, settings(reach=0.001))
         late = problem.outputs.stamp > 8 * SECOND
-        squared.append(np.mean(errors(recording, problem, told.mean)[late] ** 2))
-        claimed.append(np.trace(told.covariance[late][:, :2, :2], axis1=1, axis2=2).mean())
+        squared.append(np.mean(errors(recording, problem, solution.mean)[late] ** 2))
+        claimed.append(np.trace(solution.covariance[late][:, :2, :2], axis1=1, axis2=2).mean())
     assert 0.1 * np.mean(claimed) < np.mean(squared) < 1.2 * np.mean(claimed)
 
 
@@ -275,10 +277,10 @@ def test_outliers_are_left_out_by_those_who_measured_them():
         recording, ranges=replace(ranges, range=np.where(wrong, ranges.range + 5.0, ranges.range))
     )
     problem = problem_of(spoiled)
-    told = solve_dpf(problem, FilterSettings())
-    rejected = told.verdict == 0
+    solution = solve_dpf(problem, FilterSettings())
+    rejected = solution.verdict == 0
     assert (rejected & wrong).sum() >= 0.9 * wrong.sum()
-    assert rmse(spoiled, problem, told) < 1.5 * rmse(
+    assert rmse(spoiled, problem, solution) < 1.5 * rmse(
         recording, problem, solve_dpf(problem_of(recording), settings())
     )
 
@@ -303,13 +305,13 @@ def test_what_cannot_be_is_refused_in_one_line(view, dpf, said):
             update={"noise": noise}), Estimator("dpf", view))  # fmt: skip
 
 
-def test_the_posterior_tells_what_was_sent():
+def test_the_posterior_holds_what_was_sent():
     recording = team(seconds=5.0)
-    told = localize_recording(
+    posterior = localize_recording(
         recording, start_of(recording), settings(), Estimator("dpf", FrameSpec("ego", ("R1",)))
     )
-    assert set(told.traffic) == set(TEAM)
-    sent = told.traffic["R2"]
+    assert set(posterior.traffic) == set(TEAM)
+    sent = posterior.traffic["R2"]
     assert sent["messages_sent"] == 50 + 5
     assert sent["bytes_sent"] == 50 * 40 + 5 * 3 * 3 * 8
-    assert any(line.startswith("R2 sent 55 messages, 2360 bytes") for line in remarks(told))
+    assert any(line.startswith("R2 sent 55 messages, 2360 bytes") for line in remarks(posterior))

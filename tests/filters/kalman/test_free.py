@@ -1,4 +1,4 @@
-"""Turns that no range tells: found exactly, kept by every correction, never learned."""
+"""Turns that no range observes: found exactly, kept by every correction, never learned."""
 
 from __future__ import annotations
 

@@ -63,5 +63,5 @@ def test_each_error_is_reported_with_its_sigma():
 
 def test_static_robots_have_no_errors_in_the_state():
     _, posterior = run(1, estimator=Estimator("ekf", FrameSpec("ego", ("R3",))))
-    told = [line.split()[2] for line in remarks(posterior) if line.startswith("odometry of")]
-    assert told == ["R3:", "R4:", "R5:"]
+    found = [line.split()[2] for line in remarks(posterior) if line.startswith("odometry of")]
+    assert found == ["R3:", "R4:", "R5:"]

@@ -352,7 +352,7 @@ def test_each_lost_block_may_have_the_heading_of_another_rival(monkeypatch):
     assert began == []
 
 
-def test_densities_that_are_no_numbers_tell_against_a_run():
+def test_densities_that_are_no_numbers_count_against_a_run():
     ranges = table([(1, 0, -1, 0, 0, 1.0), (2, 0, -1, 0, 0, 1.0)])
     good, bad = solution(1), solution(1, np.nan)
     found = run_log_densities(ranges, [good, bad])

@@ -239,7 +239,7 @@ def mirrored(recording):
     return replace(start, hypotheses=both)
 
 
-def test_evidence_tells_the_truth_from_its_mirror_image():
+def test_evidence_separates_the_truth_from_its_mirror_image():
     recording = team_recording(seed=1, moving=2, seconds=30.0)
     problem = build_problem(recording, mirrored(recording), SETTINGS, EGO)
     solution = solve_mixture(problem, SETTINGS)
@@ -255,21 +255,21 @@ def test_evidence_tells_the_truth_from_its_mirror_image():
 NARRATOR = Estimator("mixture", EGO)
 
 
-def told(recording, start):
+def localized(recording, start):
     return localize_recording(recording, start, SETTINGS, NARRATOR)
 
 
-def test_tells_when_the_answer_became_unique_and_that_it_is_not():
+def test_says_when_the_answer_became_unique_and_that_it_is_not():
     recording = team_recording(seed=1, moving=2, seconds=30.0)
-    (line,) = remarks(told(recording, mirrored(recording)))
+    (line,) = remarks(localized(recording, mirrored(recording)))
     assert line.startswith("the pose of R2 was unique after ")
     short = team_recording(seed=1, moving=2, seconds=1.0)
-    found = told(short, mirrored(short))
+    found = localized(short, mirrored(short))
     assert remarks(found) == ()
     assert any(line.startswith("R2 is ambiguous: ") for line in failings(found))
 
 
-def test_tells_what_it_had_no_room_for():
+def test_says_what_it_had_no_room_for():
     """Of a pose and its mirror image one has to go."""
     recording = team_recording(seed=1, moving=2, seconds=5.0)
     start = mirrored(recording)
@@ -294,7 +294,7 @@ def test_calls_no_pose_unique_that_the_ranges_contradict():
         Hypothesis(share, {"R2": replace(right, mean=right.mean + np.array([off, 0.0, 0.0]))})
         for off, share in ((8.0, 0.9), (20.0, 0.1))
     )
-    found = told(recording, replace(start, hypotheses=wrong))
+    found = localized(recording, replace(start, hypotheses=wrong))
     assert found.diverged == ("R2",)
     assert remarks(found) == ()
 

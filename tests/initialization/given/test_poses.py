@@ -48,7 +48,7 @@ def test_sigma_of_the_file_or_of_the_settings():
     np.testing.assert_allclose(start.poses["R2"].covariance, np.diag(np.square(SIGMA)))
 
 
-def test_static_robots_keep_their_known_position_unless_the_file_tells_another():
+def test_static_robots_keep_their_known_position_unless_the_file_gives_another():
     kept = given("[R1]\nx = 0\ny = 0\nheading = 0").poses
     assert set(kept) == {"R1", "A1"}
     assert kept["A1"].mean.tolist() == [1.0, 2.0, 0.0]
@@ -73,7 +73,7 @@ def test_seen_from_a_robot_a_static_one_has_a_heading_that_may_be_unknown():
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("[R11]\nx = 0\ny = 0", r"^poses.toml: no robot `R11` in the log, did you mean `R1`\?$"),
         ("[zebra]\nx = 0\ny = 0", r"no robot `zebra` in the log; known: A1, A2, R1, R2$"),
@@ -90,8 +90,8 @@ def test_seen_from_a_robot_a_static_one_has_a_heading_that_may_be_unknown():
         ("[R1]\nx = 0\ny = 0\nsigma = 0.1", r"`sigma`: must be a list"),
     ],
 )
-def test_files_that_say_nonsense(text, told):
-    with pytest.raises(UsageError, match=told) as caught:
+def test_files_that_say_nonsense(text, expected):
+    with pytest.raises(UsageError, match=expected) as caught:
         given(text)
     assert "\n" not in str(caught.value)
 

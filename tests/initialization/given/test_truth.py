@@ -184,7 +184,7 @@ def test_static_robots_stand_at_their_known_position_else_at_their_mean():
 
 
 @pytest.mark.parametrize(
-    ("truth", "told"),
+    ("truth", "expected"),
     [
         ({"R1": None, "R2": None}, r"no ground truth for R1, R2: .*/R2/ground_truth.*--init FILE"),
         ({"R1": track(BEGIN, (), ()), "R2": None}, "no ground truth for R1"),
@@ -195,8 +195,8 @@ def test_static_robots_stand_at_their_known_position_else_at_their_mean():
         ({"R1": track(BEGIN - 90 * SECOND), "R2": None}, "overlap in time.*--init FILE"),
     ],
 )
-def test_truth_that_cannot_be_used(truth, told):
-    with pytest.raises(CltError, match=told) as caught:
+def test_truth_that_cannot_be_used(truth, expected):
+    with pytest.raises(CltError, match=expected) as caught:
         from_truth(recording(**truth), SIGMA)
     assert "\n" not in str(caught.value)
 

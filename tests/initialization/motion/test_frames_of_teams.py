@@ -190,13 +190,13 @@ def line_frame(**standing):
         ((2.0, 0.9, 0.0), [[5.0, 1.0], [5.0, -1.0]]),
     ],
 )
-def test_robots_that_are_found_tell_the_side_of_one_that_stood(pose, expected):
+def test_robots_that_are_found_show_the_side_of_one_that_stood(pose, expected):
     frame = line_frame(R1=[(2.0, 3.0)], R2=[(5.0, 1.0)])
     found = _sides(frame, frame.standing["R2"][0], {"R1": np.array(pose)})
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
-def test_who_stood_near_the_line_or_at_several_places_tells_no_side():
+def test_who_stood_near_the_line_or_at_several_places_shows_no_side():
     near = line_frame(R1=[(2.0, 0.3)], R2=[(5.0, 1.0)])
     assert len(_sides(near, near.standing["R2"][0], {"R1": np.array([2.0, 0.3, 0.0])})) == 2
     open_ = line_frame(R1=[(2.0, 3.0), (2.0, 5.0)], R2=[(5.0, 1.0)])

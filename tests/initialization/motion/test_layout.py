@@ -204,7 +204,7 @@ def test_parts_that_two_nodes_separate_are_mirrored_one_by_one():
     assert found.probability == pytest.approx(0.25, abs=0.01)
 
 
-def test_nearly_collinear_nodes_do_not_tell_a_side_that_noise_hides():
+def test_nearly_collinear_nodes_do_not_show_a_side_that_noise_hides():
     """Node 4 is ranged by three nodes on a line but for 3 mm: far less than the noise."""
     points = np.array([[0.0, 0.0], [4.0, 0.003], [8.0, 0.0], [3.0, 7.0], [5.0, 3.0]])
     found = estimate_layout(pairs_of(points, np.random.default_rng(3), ((3, 4),)), 5, {})

@@ -98,7 +98,7 @@ def test_a_team_without_standstill_or_straight_drive():
         assert np.abs(error(found.robots[name], start)).max() < 0.2
 
 
-def test_the_mirror_image_is_told_apart_by_turning():
+def test_the_mirror_image_is_excluded_by_turning():
     """A team on the other side of the baseline: Shi's convention alone would mirror it."""
     area = [0.0, -5.0, 4.0, 0.0]
     recording, starts = simulated("shi-five", duration=30.0, team__area=area)
@@ -139,7 +139,7 @@ def test_an_antenna_off_the_middle():
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_noise_never_decides_what_only_turning_tells(seed):
+def test_noise_never_decides_what_only_turning_shows(seed):
     robots = [{"name": "line", "start": [2.0, 4.0, 0.5], "trajectory": STRAIGHT}]
     recording, _ = simulated(duration=40.0, team__moving=1, robots=robots, seed=seed)
     assert from_motion(recording, DEFAULTS).robots["line"].status == "ambiguous"
@@ -160,7 +160,7 @@ def test_a_straight_line_for_ever_leaves_the_mirror_image():
     np.testing.assert_allclose(below, starts["line"] * [1.0, -1.0, -1.0], atol=0.3)
 
 
-def test_others_tell_the_side_of_a_robot_that_only_drives_straight():
+def test_others_show_the_side_of_a_robot_that_only_drives_straight():
     robots = [{"name": "line", "start": [2.0, 4.0, 0.5], "trajectory": STRAIGHT}]
     recording, starts = simulated(duration=40.0, team__moving=3, robots=robots)
     found = from_motion(recording, DEFAULTS)
@@ -174,13 +174,13 @@ def test_a_robot_that_never_moves_is_named_and_the_rest_is_found():
     recording, starts = simulated(duration=20.0, robots=robots)
     found = from_motion(recording, DEFAULTS)
     assert found.robots["still"].status == "unobservable"
-    assert reason(found.robots["still"]) == "it never moves: no heading can be told"
+    assert reason(found.robots["still"]) == "it never moves: no heading can be found"
     assert "still" not in found.start.poses
     for name in set(starts) - {"still"}:
         assert found.robots[name].status == "ok"
 
 
-def test_who_never_moves_is_placed_on_the_side_that_others_tell():
+def test_who_never_moves_is_placed_on_the_side_that_others_show():
     robots = [{"name": "still", "trajectory": {"kind": "stand"}}]
     area = [0.0, -5.0, 4.0, 0.0]
     recording, starts = simulated("shi-five", duration=30.0, robots=robots, team__area=area)

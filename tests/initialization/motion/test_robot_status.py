@@ -36,20 +36,20 @@ def test_mirror_images(other, mirrored):
 
 
 @pytest.mark.parametrize(
-    ("other", "told"),
+    ("other", "expected"),
     [
-        ((4.0, 2.0, np.pi / 2 - 0.3), "or its mirror image, which only turning tells apart"),
+        ((4.0, 2.0, np.pi / 2 - 0.3), "or its mirror image, which only turning excludes"),
         ((2.0, 4.0, 2.0), "2 poses explain its ranges (the best with probability 0.70)"),
     ],
 )
-def test_the_reason_names_a_mirror_image_only_where_it_is_one(other, told):
+def test_the_reason_names_a_mirror_image_only_where_it_is_one(other, expected):
     a = Candidate(0, refined(2.0, 4.0, 0.3, nis=2.0), 0.7)
     b = Candidate(0, refined(*other), 0.3)
     robot = ambiguous_robot(
         "R", CombinationWeights({"R": a}, {"R": ((a, 0.7), (b, 0.3))}, {0: 1.0}), (FRAME,)
     )
     assert robot.status == "ambiguous"
-    assert told in reason(robot)
+    assert expected in reason(robot)
     assert reason(robot).endswith("or give its pose in a TOML file (--init FILE)")
     np.testing.assert_allclose(robot.pose.covariance, 2e-4 * np.eye(3))
     assert robot.alternatives[0].probability == 0.3

@@ -153,7 +153,7 @@ def test_only_so_many_combinations_are_kept_and_what_is_lost_is_known():
     assert _likely(few)[0].cut == 0.0
 
 
-def test_a_cycle_tells_which_of_two_poses_is_true():
+def test_a_cycle_shows_which_of_two_poses_is_true():
     edges = {
         ("A", "B"): hypotheses([[2, 0, 0], [-2, 0, 0]], [0.5, 0.5]),
         ("A", "C"): hypotheses([[0, 2, 0], [0, -2, 0]], [0.5, 0.5]),

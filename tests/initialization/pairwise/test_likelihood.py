@@ -193,7 +193,7 @@ def test_the_first_sweep_takes_ranges_from_all_of_the_time():
     np.testing.assert_array_equal(short.P_a, pair.P_a[:3, :3])
 
 
-def test_what_odometry_may_fake_is_told_by_its_share_of_the_covariance():
+def test_what_odometry_may_fake_is_measured_by_its_share_of_the_covariance():
     pair = drawn(np.random.default_rng(8), 6, 0.3, 0.0)
     work = evaluated(pair)
     _, W = residuals_and_covariance(pair, *AT)

@@ -136,23 +136,23 @@ def test_two_ranges_stay_within_what_their_expansion_neglects(seed, drift, scatt
     add_track_variance(pair, work.g, work.sums)
     x = work.g[:, G_X].copy()
 
-    def told(pose):
+    def square(pose):
         r, W = residuals_and_covariance(pair, *pose)
         return np.array([x @ r, x @ W @ x])
 
-    value, s = told(middle), work.sums[0]
+    value, s = square(middle), work.sums[0]
     gradient = np.array(
         [[-s[2], -s[3], -s[1]], s[[VARIANCE_GROWTH, VARIANCE_GROWTH + 3, VARIANCE_GROWTH + 6]]]
     )
     hessian = -np.array([[s[TT], s[TP], s[TD]], [s[TP], s[PP], s[PD]], [s[TD], s[PD], s[DD]]])
     np.testing.assert_allclose(value, [s[0], s[VARIANCE_OF_X]], rtol=1e-9)
     if scatter == 0.0:
-        np.testing.assert_allclose(gradient, derivative(told, middle), rtol=1e-4, atol=1e-4)
+        np.testing.assert_allclose(gradient, derivative(square, middle), rtol=1e-4, atol=1e-4)
     less, more = np.sum([higher_orders(work, k, *h, 0.0) for k in range(2)], axis=0)
     rounding = 1e-9 * (1.0 + np.abs(value))
     for sign in rng.choice([-1.0, -0.5, 0.0, 0.5, 1.0], (60, 3)):
         e = sign * h
-        off = told(middle + e) - value - gradient @ e
+        off = square(middle + e) - value - gradient @ e
         assert abs(off[0] - 0.5 * e @ hessian @ e) <= less + rounding[0]
         assert off[1] <= more + rounding[1]
 

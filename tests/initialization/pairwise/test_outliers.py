@@ -26,7 +26,7 @@ def off(mean, pose):
 
 
 @pytest.mark.parametrize("in_a_row", [False, True])
-def test_wild_ranges_are_left_out_and_the_rest_tells_the_pose(in_a_row):
+def test_wild_ranges_are_left_out_and_the_rest_shows_the_pose(in_a_row):
     rng = np.random.default_rng(8)
     right, unique = 0, 0
     for _ in range(12):
@@ -63,9 +63,9 @@ def test_ranges_that_all_fit_badly_are_not_left_out():
 
 
 def test_where_others_may_be_the_wild_ones_nothing_is_unique():
-    """A straight drive past a robot that stands, and two ranges beside it that tell the side.
+    """A straight drive past a robot that stands, and two ranges beside it that show the side.
 
-    They tell different ones: either may be the wild one.
+    They show different ones: either may be the wild one.
     """
     x = np.linspace(0.0, 4.0, 10)
     a = np.vstack([np.stack([x, 0.0 * x], axis=1), [[3.0, 1.0], [1.0, 1.0]]])
@@ -100,7 +100,7 @@ def test_misfits_are_residuals_in_units_of_their_deviation():
     np.testing.assert_allclose(found, np.abs(r) / np.sqrt(np.diag(W)), rtol=1e-9)
 
 
-def test_polar_coordinates_tell_the_pose():
+def test_polar_coordinates_show_the_pose():
     rng = np.random.default_rng(11)
     for _ in range(20):
         pair, pose = winding(rng, 5, 0.1, 0.3)

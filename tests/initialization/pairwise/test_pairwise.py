@@ -41,8 +41,8 @@ def test_straight_tracks_leave_exactly_four_poses(seed):
     np.testing.assert_allclose(found.probability, 0.25, atol=0.06)
     assert np.min(np.max(np.abs(error(found.mean, pose)), axis=1)) < 1e-6
     for mean in found.mean:
-        told = np.hypot(*(mean[:2] + straight @ rotation_matrix(mean[2]).T - straight).T)
-        np.testing.assert_allclose(told, pair.z, atol=1e-6)
+        distance = np.hypot(*(mean[:2] + straight @ rotation_matrix(mean[2]).T - straight).T)
+        np.testing.assert_allclose(distance, pair.z, atol=1e-6)
 
 
 def test_noisy_curves_the_truth_is_reported_and_what_is_called_unique_is_right():
@@ -100,7 +100,7 @@ def test_residuals_beyond_their_noise_widen_the_answer():
     ("first", "sigma", "across"),
     [(0.2, 0.05, 0.3), (0.5, 0.1, 0.5), (0.2, 0.1, 0.4), (1.0, 0.05, 0.7)],
 )
-def test_two_solutions_in_one_direction_are_told_apart(first, sigma, across):
+def test_two_solutions_in_one_direction_are_distinguished(first, sigma, across):
     """Mirror images at the line that robot i drove along, both straight ahead of its start."""
     ys = np.linspace(-0.5, 0.5, 8)
     a = [(0.0, 0.0), *((2.0, y) for y in ys)]
@@ -137,7 +137,7 @@ def test_a_search_that_is_cut_off_calls_nothing_unique():
 
 
 @pytest.mark.parametrize("z", [[1.0, 5.0], [5.0, 1.0], [1.0, 1.0, 6.0], [1.0, 5.0, 1.0]])
-def test_few_ranges_that_no_pose_explains_tell_nothing(z):
+def test_few_ranges_that_no_pose_explains_say_nothing(z):
     k = np.arange(len(z))
     pair = still(z, [0.05] * len(z), np.stack([0.6 * k, 0.0 * k], axis=1))
     moving = pair._replace(b=np.stack([0.6 * k, 0.1 * k**2], axis=1))

@@ -41,7 +41,7 @@ def seen(i, j, *others, sigma=0.05):
     return PairHypotheses(mean[order], P, share, share, 0.0, k == 1)
 
 
-def test_a_cycle_of_pairs_tells_which_of_their_hypotheses_are_true():
+def test_a_cycle_of_pairs_shows_which_of_their_hypotheses_are_true():
     edges = {
         ("R1", "R2"): seen("R1", "R2", np.array([2.0, -1.0, -0.5])),
         ("R1", "R3"): seen("R1", "R3", np.array([-1.0, -3.0, 2.0])),
@@ -143,7 +143,7 @@ def test_a_team_without_ranges_is_refused_in_one_line():
         from_pairwise(replace(recording, ranges=none), FilterSettings())
 
 
-def test_of_several_spans_that_counts_which_tells_most():
+def test_of_several_spans_that_counts_which_informs_most():
     """Sixty seconds of this drive leave more open than thirty."""
     keys = {"duration": 60.0, "seed": 10}
     recording = replace(simulate(load_scenario("li-two", keys)), truth={})
@@ -173,7 +173,7 @@ def test_nothing_is_known_of_the_heading_of_a_static_robot():
         assert found.start.poses[name].covariance[0, 0] > 8.0 * robot.pose.covariance[0, 0]
 
 
-def test_combinations_without_room_are_told():
+def test_combinations_without_room_are_reported():
     """Five robots with four poses each: more than the 64 that are followed."""
     others = [np.array([2.0, 1.0, k]) for k in (1.5, 2.5, 3.0)]
     edges = {("R1", f"N{k}"): replace(seen("R1", "R2", *others)) for k in range(5)}
@@ -209,7 +209,7 @@ def start(sigma, status="ambiguous", probability=1.0, why=None):
     return Initialization(0, False, {"R1": ego, "R2": robot})
 
 
-def test_what_tells_more_is_without_contradiction_then_sure_then_narrow():
+def test_what_informs_more_is_without_contradiction_then_sure_then_narrow():
     nothing = Initialization(
         0, False, {"R1": start(1.0).robots["R1"], "R2": unobservable_status(None)}
     )

@@ -68,7 +68,7 @@ def test_windows_line_endings_and_an_empty_type():
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("Missing m", "does not define a/Missing"),
         ("B again", "contains itself"),
@@ -78,11 +78,11 @@ def test_windows_line_endings_and_an_empty_type():
         (f"uint8 x\n{SEPARATOR}\nuint8 y", "MSG:"),
     ],
 )
-def test_nonsense_is_refused(text, told):
-    if told is None:
+def test_nonsense_is_refused(text, expected):
+    if expected is None:
         assert parse_definition("a/B", text).fields == (Field("x", "u1"),)
         return
-    with pytest.raises(DefinitionError, match=told):
+    with pytest.raises(DefinitionError, match=expected):
         parse_definition("a/B", text)
 
 
@@ -114,7 +114,7 @@ def test_paths_name_leaves(path, leaf):
 
 
 @pytest.mark.parametrize(
-    ("path", "told"),
+    ("path", "expected"),
     [
         ("nothing", "it has: pi, name"),
         ("pi.x", "no field of"),
@@ -129,6 +129,6 @@ def test_paths_name_leaves(path, leaf):
         ("", "no field"),
     ],
 )
-def test_paths_that_name_no_column(path, told):
-    with pytest.raises(PathError, match=told):
+def test_paths_that_name_no_column(path, expected):
+    with pytest.raises(PathError, match=expected):
         resolve_path(parse_definition("a_msgs/msg/Outer", TEXT), path)

@@ -261,9 +261,9 @@ def test_commands_take_folders(tmp_path, topics, streams):
 
     done = clt("info", folder, "--streams", streams, "--json")
     assert done.exit_code == 0, done.output
-    told = json.loads(done.stdout)
-    assert told["ranges"] == 30
-    assert list(told["files"]) == ["bag.mcap"]
+    printed = json.loads(done.stdout)
+    assert printed["ranges"] == 30
+    assert list(printed["files"]) == ["bag.mcap"]
     done = clt("recover", folder, "-o", tmp_path / "saved.mcap")
     assert done.exit_code == 2
     assert str(folder / "bag.mcap") in done.stderr

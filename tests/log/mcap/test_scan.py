@@ -214,7 +214,7 @@ def zstd(data):
 
 
 def bomb(size):
-    """A zstd frame of zeros that does not tell its size."""
+    """A zstd frame of zeros that does not give its size."""
     packer = zstandard.ZstdCompressor().compressobj()
     block = bytes(1 << 20)
     return b"".join(packer.compress(block) for _ in range(size >> 20)) + packer.flush()
@@ -374,7 +374,7 @@ def test_many_equal_faults_are_a_few_lines():
 
 
 @pytest.mark.parametrize(
-    ("data", "told"),
+    ("data", "expected"),
     [
         (b"", "is empty"),
         (b"\x89MC", "first 3 bytes"),
@@ -386,8 +386,8 @@ def test_many_equal_faults_are_a_few_lines():
         (b"\x89MCAP0\nxxxxxxxxxxxxx", "line endings"),
     ],
 )
-def test_what_is_no_log_is_told_in_one_line(data, told):
-    with pytest.raises(LogError, match=told) as caught:
+def test_what_is_no_log_is_said_in_one_line(data, expected):
+    with pytest.raises(LogError, match=expected) as caught:
         scan(data)
     assert str(caught.value).startswith("x.mcap: ")
     assert "\n" not in str(caught.value)

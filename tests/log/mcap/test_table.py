@@ -20,7 +20,7 @@ def message(channel=3, time=7, payload=b"abc"):
     return record(MESSAGE, struct.pack("<HIqq", channel, 1, time, time) + payload)
 
 
-def test_a_walk_tells_messages_from_other_records():
+def test_a_walk_separates_messages_from_other_records():
     data = message() + record(SCHEMA, b"xy") + record(CHANNEL, b"z") + message(4)
     walk = walk_records(data, 0, len(data))
     first = len(message())

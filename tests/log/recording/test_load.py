@@ -427,7 +427,7 @@ def test_every_type_that_a_streams_file_may_name(put):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ('[robots.a]\nodometri = "/x"', "did you mean `odometry`"),
         ("[robots.1a]", "not a robot name"),
@@ -439,9 +439,9 @@ def test_every_type_that_a_streams_file_may_name(put):
         ("[robots", "not valid TOML"),
     ],
 )
-def test_wrong_streams_files(put, text, told):
+def test_wrong_streams_files(put, text, expected):
     streams = put(text.encode(), "streams.toml")
-    with pytest.raises(UsageError, match=told) as caught:
+    with pytest.raises(UsageError, match=expected) as caught:
         load(put(foreign_log()), streams)
     assert str(caught.value).startswith(str(streams))
 
@@ -458,7 +458,7 @@ field = "{field}"
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ('[robots.a]\nodometry = "/tof"', "sensor_msgs/Range holds no odometry; use: nav_msgs/"),
         ('[robots.a]\nground_truth = "/float"', "holds no poses"),
@@ -468,8 +468,8 @@ field = "{field}"
         (PAIR.format(field="header.frame_id"), "not a number"),
     ],
 )
-def test_streams_that_the_log_cannot_fill(put, text, told):
-    with pytest.raises(LogError, match=told):
+def test_streams_that_the_log_cannot_fill(put, text, expected):
+    with pytest.raises(LogError, match=expected):
         load(put(foreign_log()), put(text.encode(), "streams.toml"))
 
 
@@ -511,7 +511,7 @@ def foreign_ranges(rows, sec="int32", **kinds):
 
 
 @pytest.mark.parametrize(
-    ("kinds", "told"),
+    ("kinds", "expected"),
     [
         ({"source": "string"}, "`source` is not an integer"),
         ({"target": "float64"}, "`target` is not an integer"),
@@ -522,8 +522,8 @@ def foreign_ranges(rows, sec="int32", **kinds):
         ({"sec": "float64"}, "`stamp.sec` is not an integer"),
     ],
 )
-def test_definitions_of_other_kinds_are_refused(put, kinds, told):
-    with pytest.raises(LogError, match=f"x.mcap: /R1/uwb/range: {told}"):
+def test_definitions_of_other_kinds_are_refused(put, kinds, expected):
+    with pytest.raises(LogError, match=f"x.mcap: /R1/uwb/range: {expected}"):
         load(put(foreign_ranges([{}], **kinds)))
 
 
@@ -617,7 +617,7 @@ def other_encoding(profile, encoding, schema, topic="/R1/odom"):
 
 
 @pytest.mark.parametrize(
-    ("data", "told"),
+    ("data", "expected"),
     [
         (b"", "is empty"),
         (b"not a log", "not an MCAP log"),
@@ -634,9 +634,9 @@ def other_encoding(profile, encoding, schema, topic="/R1/odom"):
         ),
     ],
 )
-def test_logs_that_cannot_be_used(put, data, told):
+def test_logs_that_cannot_be_used(put, data, expected):
     path = put(data)
-    with pytest.raises(LogError, match=told) as caught:
+    with pytest.raises(LogError, match=expected) as caught:
         load(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
@@ -735,7 +735,7 @@ def test_joined_logs_are_one_recording(put):
     assert found(recording) == {"team": (1, True)}
 
 
-def test_a_streams_file_takes_the_ids_that_the_log_tells(put):
+def test_a_streams_file_takes_the_ids_of_the_log(put):
     streams = """
     [robots.R3]
     odometry = "/R3/odom"

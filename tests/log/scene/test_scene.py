@@ -142,7 +142,7 @@ def test_the_ellipse_is_that_of_two_sigma(synthetic, shown):
     assert along == pytest.approx(1.0, abs=1e-9)
 
 
-def test_links_tell_what_the_filter_made_of_each_pair(synthetic, shown):
+def test_links_show_what_the_filter_made_of_each_pair(synthetic, shown):
     recording = synthetic(n=100)
     _, scenes = shown(recording)
     links = by_name(scenes[4][1])["range", 0]

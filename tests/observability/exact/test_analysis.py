@@ -190,7 +190,7 @@ def solved(case, state):
     return found
 
 
-def test_steady_robots_are_told_apart_by_a_third_and_by_a_change_of_speed():
+def test_steady_robots_are_distinguished_by_a_third_and_by_a_change_of_speed():
     pair = analyse(setup(2, ego=0, steady=("R1", "R2")))
     assert pair.ambiguities == (
         "mirror image of all others at the path of R1",
@@ -226,7 +226,7 @@ IN_LINE = [
 
 
 @pytest.mark.parametrize(("case", "bent"), IN_LINE)
-def test_what_ranges_tell_to_second_order_is_told_apart(case, bent):
+def test_what_ranges_show_to_second_order_stands_apart(case, bent):
     """Steps of h along a hidden direction, and a correction of h^2, change F by h^3; not else."""
     found = analyse(case)
     assert sum(not one.hidden for one in found.unobservable) == bent

@@ -256,7 +256,7 @@ def test_directions_are_named_by_the_most_similar_candidate():
     assert name(-1.0, 1.0, 0.0, moving=False) == "bearing from S"
 
 
-def test_json_tells_nothing_as_null():
+def test_json_gives_nothing_as_null():
     robot = _robot_windows(
         "R", np.array([np.diag([100.0, 0.01, 100.0])]), np.zeros((1, 3)), {}, moving=True
     )

@@ -1,4 +1,4 @@
-"""A reference that jitters tells nothing about a robot that rests."""
+"""A reference that jitters says nothing about a robot that rests."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def headings(recording, window=4.0):
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.1])
-def test_a_jittering_truth_tells_no_heading_of_a_robot_that_stands(loss):
+def test_a_jittering_truth_gives_no_heading_of_a_robot_that_stands(loss):
     recording = stands_then_drives(**{"network.loss": loss})
     assert np.std(recording.truth["R3"].x[:15]) > 0.05
     found, sigma = headings(recording)
@@ -67,7 +67,7 @@ def test_a_robot_that_creeps_below_the_noise_moves_all_the_same():
     assert np.isfinite(headings(recording, 20.0)[1]).all()
 
 
-def test_a_result_log_tells_by_its_dead_reckoning_that_a_robot_stood():
+def test_a_result_log_shows_by_its_dead_reckoning_that_a_robot_stood():
     recording = stands_then_drives(first=30.0)
     start = from_truth(recording, (0.1, 0.1, 0.1))
     result = estimate(recording, start, FilterSettings()).recording

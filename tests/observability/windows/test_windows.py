@@ -124,7 +124,7 @@ def found(recording, window=10.0, ego=None, framed=False):
     )
 
 
-def test_two_anchors_tell_everything_and_one_all_but_the_rotation():
+def test_two_anchors_show_everything_and_one_all_but_the_rotation():
     both = found(simulate(scenario(moving=3, static=2)))
     assert np.all(both.rank == both.dimension)
     assert all(np.all(seen.sigma_position < 0.2) for seen in both.robots.values())
@@ -193,7 +193,7 @@ def test_a_robot_at_rest_does_not_show_its_heading():
     assert np.all(seen.sigma_position < 0.2)
 
 
-def test_more_noise_tells_less():
+def test_more_noise_informs_less():
     quiet, loud = (
         found(simulate(scenario(**{"sensors.range.sigma": sigma}))) for sigma in (0.05, 0.5)
     )
@@ -202,7 +202,7 @@ def test_more_noise_tells_less():
         assert np.all(seen.sigma_position < loud.robots[name].sigma_position)
 
 
-def test_correlated_ranges_tell_less():
+def test_correlated_ranges_inform_less():
     recording = simulate(scenario())
     white, slow = (
         evaluate_windows(

@@ -304,5 +304,5 @@ def group_offsets(offsets: Floats) -> Indices:
 
 
 def log_time_is_stamp(piece: ClockSegment) -> bool:
-    """Whether stamps stand for times of recording throughout: that tells of no clock."""
+    """Whether stamps stand for times of recording throughout: that says nothing of a clock."""
     return bool(np.array_equal(piece.stamp, piece.log_time))
