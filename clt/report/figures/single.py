@@ -133,6 +133,6 @@ def _fold_legends(figure: Figure) -> None:
     """Legends of the figure in rows of three, which a column has room for."""
     for legend in list(figure.legends):
         labels = [text.get_text() for text in legend.get_texts()]
-        handles = legend.legend_handles
+        handles = [one for one in legend.legend_handles if one is not None]
         legend.remove()
         figure.legend(handles, labels, ncols=3, loc="lower center")
