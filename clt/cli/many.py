@@ -120,14 +120,19 @@ def in_order(
 
     `lost` makes the result of one whose worker died.
     """
+    if jobs == 1 or len(items) == 1:
+        for number, item in enumerate(items):
+            if number > 0:
+                console.progress(f"{number} of {len(items)} logs")
+            yield function(item)
+        return
     from functools import partial
 
     from clt.studies.executors import WorkerLost
-    from clt.studies.executors.local import run_here, run_local
+    from clt.studies.executors.local import run_local
 
     tasks = list(enumerate(items))
-    work = partial(on_second, function)
-    executed = run_here(work, tasks) if jobs == 1 else run_local(work, tasks, jobs)
+    executed = run_local(partial(on_second, function), tasks, jobs)
     early: dict[int, Value] = {}
     following = 0
     for (number, item), found in executed:
@@ -135,8 +140,7 @@ def in_order(
         while following in early:
             yield early.pop(following)
             following += 1
-        if len(items) > 1:
-            console.progress(f"{following + len(early)} of {len(items)} logs")
+        console.progress(f"{following + len(early)} of {len(items)} logs")
     console.progress("")
 
 
