@@ -208,15 +208,16 @@ def output_paths(logs: Sequence[Path], folder: Path | None, suffix: str) -> list
 def distinct_names(places: Sequence[Path]) -> list[str]:
     """The name of each path without its suffix, behind as many of its folders as it takes."""
     stems = [place.name if place.is_dir() else place.stem for place in places]
+    folders = [place.parent.parts[1:] for place in places]
     names = list(stems)
     depth = 1
     while len({name.casefold() for name in names}) < len(names):
         folded = [name.casefold() for name in names]
-        for k, place in enumerate(places):
+        for k, parts in enumerate(folders):
             if folded.count(folded[k]) > 1:
-                names[k] = "_".join([*place.parts[-1 - depth : -1], stems[k]])
+                names[k] = "_".join([*parts[-depth:], stems[k]])
         depth += 1
-        if depth > max(len(place.parts) for place in places):
+        if depth > 1 + max(len(parts) for parts in folders):
             return [f"{k + 1}_{stem}" for k, stem in enumerate(stems)]
     return names
 
