@@ -36,6 +36,8 @@ PAGES = [
 BLOCK = re.compile(
     r"(?ms)^(?P<mark><!-- not run: [^>\n]+ -->\n)?```(?P<kind>\w+)\n(?P<text>.*?)^```"
 )
+FILE = re.compile(r"(?ms)^```toml\n# (?P<name>[\w.-]+\.toml)\n(?P<text>.*?)^```")
+"""A file that the commands of a page read: its name stands in the first line."""
 EXIT_CODE = re.compile(r"#.*\bexit code (\d+)")
 TARGETS = set(re.findall(r"(?m)^(\w+):", (ROOT / "Makefile").read_text()))
 
@@ -135,6 +137,8 @@ def test_the_commands_of_a_page_run(page, folder):
     lines = [line for line in lines_of(page) if is_command(line)]
     if any("bag" in line.words for line in lines):
         ros_bag(folder / "bag", team(20.0), mcap=True)
+    for file in FILE.finditer(page.read_text()):
+        (folder / file["name"]).write_text(file["text"])
     for line in lines:
         run_line(line)
 

@@ -120,14 +120,19 @@ def in_order(
 
     `lost` makes the result of one whose worker died.
     """
+    if jobs == 1 or len(items) == 1:
+        for number, item in enumerate(items):
+            if number > 0:
+                console.progress(f"{number} of {len(items)} logs")
+            yield function(item)
+        return
     from functools import partial
 
     from clt.studies.executors import WorkerLost
-    from clt.studies.executors.local import run_here, run_local
+    from clt.studies.executors.local import run_local
 
     tasks = list(enumerate(items))
-    work = partial(on_second, function)
-    executed = run_here(work, tasks) if jobs == 1 else run_local(work, tasks, jobs)
+    executed = run_local(partial(on_second, function), tasks, jobs)
     early: dict[int, Value] = {}
     following = 0
     for (number, item), found in executed:
@@ -135,8 +140,7 @@ def in_order(
         while following in early:
             yield early.pop(following)
             following += 1
-        if len(items) > 1:
-            console.progress(f"{following + len(early)} of {len(items)} logs")
+        console.progress(f"{following + len(early)} of {len(items)} logs")
     console.progress("")
 
 
@@ -204,15 +208,16 @@ def output_paths(logs: Sequence[Path], folder: Path | None, suffix: str) -> list
 def distinct_names(places: Sequence[Path]) -> list[str]:
     """The name of each path without its suffix, behind as many of its folders as it takes."""
     stems = [place.name if place.is_dir() else place.stem for place in places]
+    folders = [place.parent.parts[1:] for place in places]
     names = list(stems)
     depth = 1
     while len({name.casefold() for name in names}) < len(names):
         folded = [name.casefold() for name in names]
-        for k, place in enumerate(places):
+        for k, parts in enumerate(folders):
             if folded.count(folded[k]) > 1:
-                names[k] = "_".join([*place.parts[-1 - depth : -1], stems[k]])
+                names[k] = "_".join([*parts[-depth:], stems[k]])
         depth += 1
-        if depth > max(len(place.parts) for place in places):
+        if depth > 1 + max(len(parts) for parts in folders):
             return [f"{k + 1}_{stem}" for k, stem in enumerate(stems)]
     return names
 

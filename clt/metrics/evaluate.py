@@ -15,7 +15,7 @@ from clt.metrics.errors import Delta
 from clt.metrics.evaluation import EstimateScores, EvaluateOptions, Evaluation
 from clt.metrics.pairs import all_nis, pair_nis
 from clt.metrics.register import AlignmentInput, choose_alignment, find_mirrored, register
-from clt.metrics.scores import score_tracks
+from clt.metrics.scores import pooled_score, track_errors
 from clt.metrics.tracks import check_frames, clean_tracks, frames_text, tracks_in_frames
 
 
@@ -131,15 +131,16 @@ def _side(
     relative: bool,
 ) -> EstimateScores:
     aligned = {name: transform_matched(m, transforms[name]) for name, m in tracks.items()}
-    scores = {name: score_tracks([m], delta) for name, m in aligned.items()}
-    moving = [aligned[robot.name] for robot in team.moving if robot.name in aligned]
+    errors = {name: track_errors(m, delta) for name, m in aligned.items()}
+    scores = {name: pooled_score([one], delta) for name, one in errors.items()}
+    moving = [errors[robot.name] for robot in team.moving if robot.name in errors]
     if relative and len(moving) == 0:  # what stands still moves all the same in a body frame
-        moving = list(aligned.values())
+        moving = list(errors.values())
     return EstimateScores(
         tracks=aligned,
         transforms={name: transforms[name] for name in aligned},
         scores={name: figures for name, figures in scores.items() if figures is not None},
-        team=score_tracks(moving, delta),
+        team=pooled_score(moving, delta),
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from clt.core.arrays import Floats
 from clt.metrics.associate import MatchedPoses
-from clt.metrics.consistency import inside_three_sigma, nees, nees_interval
+from clt.metrics.consistency import Nees, inside_three_sigma, nees, nees_interval
 from clt.metrics.errors import (
     Delta,
     ErrorStatistics,
@@ -87,27 +87,64 @@ class Score:
         }
 
 
+@dataclass(frozen=True)
+class TrackErrors:
+    """What is known of one matched trajectory, to be pooled with others."""
+
+    position: Floats
+    """m, shape (m,)."""
+    heading: Floats
+    """rad, NaN unknown, shape (m,)."""
+    relative: tuple[Floats, Floats]
+    """Errors of the motion, m and rad."""
+    ellipses: Nees | None
+    inside: Floats | None
+    """Inside 3 sigma, shape (m, 3)."""
+    matched: int
+    paired: int
+    total: int
+
+
+def track_errors(matched: MatchedPoses, delta: Delta) -> TrackErrors:
+    """The errors of one trajectory; those of the motion span `delta`."""
+    return TrackErrors(
+        position_errors(matched),
+        heading_errors(matched),
+        relative_errors(matched, delta),
+        nees(matched),
+        inside_three_sigma(matched),
+        len(matched.stamp),
+        matched.paired,
+        matched.total,
+    )
+
+
 def score_tracks(tracks: Sequence[MatchedPoses], delta: Delta) -> Score | None:
     """Figures of matched trajectories, pooled over all their poses. None without any pair."""
-    ape = error_statistics(_joined([position_errors(m) for m in tracks]))
+    return pooled_score([track_errors(m, delta) for m in tracks], delta)
+
+
+def pooled_score(tracks: Sequence[TrackErrors], delta: Delta) -> Score | None:
+    """Figures of trajectories, pooled over all their poses. None without any pair."""
+    ape = error_statistics(_joined([one.position for one in tracks]))
     if ape is None:
         return None
-    ellipses = [value for value in map(nees, tracks) if value is not None]
+    ellipses = [one.ellipses for one in tracks if one.ellipses is not None]
     values = _joined([e.values for e in ellipses])
     anees = None
     if len(values) > 0:
         samples = sum(e.samples for e in ellipses if len(e.values) > 0)
         anees = Anees(float(np.mean(values)), nees_interval(samples), samples)
-    total = sum(m.total for m in tracks)
+    total = sum(one.total for one in tracks)
     return Score(
         ape=ape,
-        heading=error_statistics(_joined([heading_errors(m) for m in tracks])),
+        heading=error_statistics(_joined([one.heading for one in tracks])),
         rpe=_rpe(tracks, delta),
         anees=anees,
         inside=_inside(tracks),
         singular=sum(e.singular for e in ellipses),
-        matched=sum(len(m.stamp) for m in tracks),
-        share=sum(m.paired for m in tracks) / total,
+        matched=sum(one.matched for one in tracks),
+        share=sum(one.paired for one in tracks) / total,
     )
 
 
@@ -115,8 +152,8 @@ def _joined(parts: Sequence[Floats]) -> Floats:
     return np.concatenate(parts) if len(parts) > 0 else np.empty(0)
 
 
-def _rpe(tracks: Sequence[MatchedPoses], delta: Delta) -> Rpe | None:
-    parts = [relative_errors(m, delta) for m in tracks]
+def _rpe(tracks: Sequence[TrackErrors], delta: Delta) -> Rpe | None:
+    parts = [one.relative for one in tracks]
     translation = _joined([part[0] for part in parts])
     length, turn = (
         error_statistics(translation),
@@ -127,8 +164,8 @@ def _rpe(tracks: Sequence[MatchedPoses], delta: Delta) -> Rpe | None:
     return Rpe(delta, int(np.sum(np.isfinite(translation))), length, turn)
 
 
-def _inside(tracks: Sequence[MatchedPoses]) -> dict[str, float] | None:
-    rows = [inside for inside in map(inside_three_sigma, tracks) if inside is not None]
+def _inside(tracks: Sequence[TrackErrors]) -> dict[str, float] | None:
+    rows = [one.inside for one in tracks if one.inside is not None]
     if len(rows) == 0:
         return None
     table = np.concatenate(rows)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from clt.core.recording import Communication
 from clt.core.settings import parse_settings, set_dotted_key
 from clt.model.settings import FilterSettings
+
+if TYPE_CHECKING:
+    from clt.core.recording import Communication  # numpy is slow to import
 
 
 def effective_settings(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from functools import lru_cache
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from clt.core.arrays import Floats, Indices
 from clt.core.diagnostics import Diagnostic
 from clt.core.errors import CltError
 from clt.core.recording import Ranges, Recording
-from clt.observability.exact.analysis import analyse
+from clt.observability.exact.analysis import Analysis, analyse
 from clt.observability.exact.codistribution import Motion
 from clt.observability.exact.setup import Setup, SetupRobot
 from clt.observability.windows.reference import has_motion, robots_of_known_position, usable_ranges
@@ -32,7 +33,7 @@ def advise(
     `placed` names the robots that have initial poses: static ones among them count as known. Mirror
     images are no matter here: the initial poses choose the side.
     """
-    found = analyse(setup_of(recording, placed, frame, idle=MAX_IDLE_STATICS))
+    found = analyse_once(setup_of(recording, placed, frame, idle=MAX_IDLE_STATICS))
     if found.observable:
         return ()
     values = {
@@ -40,6 +41,12 @@ def advise(
         "remedies": [remedy.text for remedy in found.remedies],
     }
     return (Diagnostic("unobservable", values=values),)
+
+
+@lru_cache(maxsize=64)
+def analyse_once(setup: Setup) -> Analysis:
+    """The analysis of a setup, which the many recordings of a study share."""
+    return analyse(setup)
 
 
 def setup_of(

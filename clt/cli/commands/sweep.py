@@ -95,10 +95,12 @@ def executor(
         from clt.studies.executors.dask import run_on_cluster
 
         return partial(run_on_cluster, address=cluster)
-    from clt.studies.executors.local import run_here, run_local
-
     if jobs == 1:
+        from clt.studies.executors.here import run_here
+
         return run_here
+    from clt.studies.executors.local import run_local
+
     fresh = any_kernel_missing(study)
     if fresh:
         console.say("compiling filters once for this machine (some seconds) ...")

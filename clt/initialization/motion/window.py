@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +47,7 @@ class StartWindow:
         """Length of the state."""
         return 3 * len(self.moving) + 3 * len(self.floating)
 
-    @property
+    @cached_property
     def inputs(self) -> FilterInputs:
         """What the filter reads: poses in the world, no outputs."""
         return FilterInputs(

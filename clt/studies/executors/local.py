@@ -28,17 +28,6 @@ class Slot(Generic[Item]):
     attempts: int = 1
 
 
-def run_here(
-    function: Callable[[Item], Value], items: Iterable[Item]
-) -> Iterator[tuple[Item, Value | WorkerLost]]:
-    """One item after another in this process."""
-    from threadpoolctl import threadpool_limits  # noqa: PLC0415 - of no use to the parent
-
-    with threadpool_limits(1):
-        for item in items:
-            yield item, function(item)
-
-
 def run_local(
     function: Callable[[Item], Value],
     items: Iterable[Item],

@@ -89,7 +89,7 @@ def test_one_bad_log_does_not_stop_the_others(log, tmp_path):
     missing = tmp_path / "missing.mcap"
     result = clt(bad, missing, log, "--json")
     data = json.loads(result.stdout)
-    assert result.exit_code == 1
+    assert result.exit_code == 3
     assert "bad.mcap" in data[0]["error"]
     assert "missing.mcap" in data[1]["error"]
     assert data[2]["team"]["estimate"]["matched"] == 1800

@@ -151,7 +151,7 @@ def test_a_worker_that_is_lost_fails_its_runs(clt, tmp_path, monkeypatch):
         for item in items:
             yield item, WorkerLost("memory may have run out") if item.seed == 2 else function(item)
 
-    monkeypatch.setattr("clt.studies.executors.local.run_here", lose)
+    monkeypatch.setattr("clt.studies.executors.here.run_here", lose)
     assert clt("sweep", "sweep.toml", "-o", "out", "-q")[0] == 3
     rows = table(tmp_path / "out" / "runs.csv")
     assert {row["error"] for row in rows if row["seed"] == "2"} == {"memory may have run out"}

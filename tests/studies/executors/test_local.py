@@ -11,7 +11,8 @@ import pytest
 
 from clt.core.errors import CltError
 from clt.studies.executors import WorkerLost, local
-from clt.studies.executors.local import run_here, run_local
+from clt.studies.executors.here import run_here
+from clt.studies.executors.local import run_local
 
 WORK = "tests_executors_work"
 CODE = """
