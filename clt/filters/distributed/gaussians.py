@@ -57,33 +57,33 @@ class GaussianMember:
     problem: Problem
     rounds: Rounds
     gate: float
-    bank: GaussianSum
-    desk: MergeWorkspace
+    gaussians: GaussianSum
+    workspace: MergeWorkspace
 
     @property
     def size(self) -> int:
         """Bytes to hand it over: weight, mean and one triangle of each covariance."""
-        K, N = int(self.bank.alive[0]), int(self.bank.mean.shape[1])
+        K, N = int(self.gaussians.alive[0]), int(self.gaussians.mean.shape[1])
         return 8 * K * (1 + N + N * (N + 1) // 2)
 
     @property
     def dropped(self) -> float:
         """Probability of what there was no room for."""
-        return float(self.bank.dropped[0])
+        return float(self.gaussians.dropped[0])
 
     @property
     def belief(self) -> Belief:
         """The Gaussians in use."""
-        return gaussian_sum_belief(self.bank)
+        return gaussian_sum_belief(self.gaussians)
 
     def copy(self) -> GaussianMember:
         """One that goes its own way."""
-        own = (x.copy() if isinstance(x, np.ndarray) else x for x in self.bank)
-        return replace(self, bank=GaussianSum._make(own))
+        own = (x.copy() if isinstance(x, np.ndarray) else x for x in self.gaussians)
+        return replace(self, gaussians=GaussianSum._make(own))
 
     def adopt(self, giver: GaussianMember) -> GaussianMember:
         """This robot with the belief of another."""
-        return replace(self, bank=giver.copy().bank)
+        return replace(self, gaussians=giver.copy().gaussians)
 
     def without(self, silent: Outage) -> GaussianMember:
         """This robot, which does not hear some others.
@@ -91,7 +91,7 @@ class GaussianMember:
         The less is known of where they are heading, the more may their way go anywhere.
         """
         space, blocks = self.problem.space, len(self.problem.robots)
-        covariance = self.bank.covariance.copy()
+        covariance = self.gaussians.covariance.copy()
         anywhere = 0.5 * silent.usual[:, 0] * (1.0 - np.exp(-silent.lost()[1])) * silent.growth()
         for d, way in zip(silent.drivers.tolist(), anywhere.tolist(), strict=True):
             for i in range(blocks):
@@ -99,16 +99,20 @@ class GaussianMember:
                     if (space.who[i] == space.who[j] == d) or (space.base[i] == space.base[j] == d):
                         covariance[:, 3 * i, 3 * j] += way
                         covariance[:, 3 * i + 1, 3 * j + 1] += way
-        bank = self.bank._replace(covariance=covariance)
+        gaussians = self.gaussians._replace(covariance=covariance)
         return replace(
-            self, bank=bank, problem=extrapolate_odometry(self.problem, silent, straight=True)
+            self,
+            gaussians=gaussians,
+            problem=extrapolate_odometry(self.problem, silent, straight=True),
         )
 
     def path(self) -> PropagatedState:
         """The heaviest Gaussian, as it is now."""
-        bank = self.bank
+        gaussians = self.gaussians
         lead = int(np.argmax(self.belief.log_weight))
-        return PropagatedState(bank.mean[lead].copy(), bank.time.copy(), bank.cursor.copy())
+        return PropagatedState(
+            gaussians.mean[lead].copy(), gaussians.time.copy(), gaussians.cursor.copy()
+        )
 
     def advance(self, until: int) -> None:
         """Bring all to a time (ns)."""
@@ -125,9 +129,9 @@ class GaussianMember:
 
     def distances(self, table: RangeTable) -> tuple[Floats, Floats]:
         """Distance of each range by each Gaussian, and its variance within: (n, K) twice."""
-        shape = (table.stamp.size, int(self.bank.alive[0]))
+        shape = (table.stamp.size, int(self.gaussians.alive[0]))
         h, s = np.empty(shape), np.empty(shape)
-        gaussian_distances(self.bank, self.problem.lever, table, h, s)
+        gaussian_distances(self.gaussians, self.problem.lever, table, h, s)
         return h, s
 
     def message(self, table: RangeTable, _: Floats, link: Indices) -> Floats:
@@ -155,7 +159,7 @@ class GaussianMember:
     def _run(self, until: int, table: RangeTable, outputs: Outputs, trace: MixtureOutput) -> None:
         """Run the mixture up to a time (ns)."""
         problem = replace(self.problem, ranges=table, outputs=outputs, end=until)
-        mixture_kernel(self.bank, problem.inputs, self.gate, self.desk, trace)
+        mixture_kernel(self.gaussians, problem.inputs, self.gate, self.workspace, trace)
 
 
 def make_gaussian_member(
@@ -164,22 +168,26 @@ def make_gaussian_member(
     """What every robot starts with."""
     if problem.prior is None:
         raise ValueError("nothing to start from")
-    bank = make_gaussian_sum(
+    gaussians = make_gaussian_sum(
         split_prior_headings(problem.prior, MAX_START_HEADING_SIGMA),
         problem,
         CAPACITY_FACTOR * settings.dpf.particles,
         hold=use_first_estimates(problem, settings),
     )
-    return GaussianMember(problem, rounds, settings.nis_gate, bank, make_merge_workspace(bank))
+    return GaussianMember(
+        problem, rounds, settings.nis_gate, gaussians, make_merge_workspace(gaussians)
+    )
 
 
 @compiled_noalloc
 def gaussian_distances(
-    bank: GaussianSum, lever: Floats, table: RangeTable, h: Floats, s: Floats
+    gaussians: GaussianSum, lever: Floats, table: RangeTable, h: Floats, s: Floats
 ) -> None:
     """Distance of each range by each Gaussian and its variance, into h and s (n, K)."""
     for m in range(table.stamp.size):
         a, b, px, py = table.a[m], table.b[m], table.anchor[m, 0], table.anchor[m, 1]
-        for k in range(bank.alive[0]):
-            h[m, k] = predict_range(bank.mean[k], lever, a, b, px, py, bank.J, bank.H, 0)
-            s[m, k] = projected_variance(bank.covariance[k], bank.J, bank.H, 0)
+        for k in range(gaussians.alive[0]):
+            h[m, k] = predict_range(
+                gaussians.mean[k], lever, a, b, px, py, gaussians.J, gaussians.H, 0
+            )
+            s[m, k] = projected_variance(gaussians.covariance[k], gaussians.J, gaussians.H, 0)

@@ -39,7 +39,12 @@ REFUTED_SIGMAS = 4.0
 
 @compiled_noalloc
 def narrow_for_range(
-    bank: GaussianSum, space: StateSpace, lever: Floats, ranges: RangeTable, m: int, at_random: bool
+    gaussians: GaussianSum,
+    space: StateSpace,
+    lever: Floats,
+    ranges: RangeTable,
+    m: int,
+    at_random: bool,
 ) -> None:
     """Split, or narrow `at_random`, what is too wide for range m to be linear over it.
 
@@ -48,37 +53,37 @@ def narrow_for_range(
     noise = math.sqrt(ranges.variance[m])
     for i in (ranges.a[m], ranges.b[m]):
         if i >= 0:
-            narrow_headings(bank, space, i, noise, at_random)
+            narrow_headings(gaussians, space, i, noise, at_random)
     k = 0
-    while k < bank.alive[0]:
-        row, width = find_excess_width(bank, k, lever, ranges, m, noise)
+    while k < gaussians.alive[0]:
+        row, width = find_excess_width(gaussians, k, lever, ranges, m, noise)
         if row < 0:
             k += 1
-        elif not split_or_draw(bank, k, row, width, at_random):
+        elif not split_or_draw(gaussians, k, row, width, at_random):
             return
 
 
 @compiled_noalloc
-def split_or_draw(bank: GaussianSum, k: int, row: int, width: float, at_random: bool) -> bool:
+def split_or_draw(gaussians: GaussianSum, k: int, row: int, width: float, at_random: bool) -> bool:
     """Split Gaussian k or narrow it at random; False where there is no room."""
     width = min(max(width, MIN_SPLIT_WIDTH), MAX_SPLIT_WIDTH)
     if at_random:
-        return draw_narrower(bank, k, row, width)
-    return split_gaussian(bank, k, row, width)
+        return draw_narrower(gaussians, k, row, width)
+    return split_gaussian(gaussians, k, row, width)
 
 
 @compiled_noalloc
 def find_excess_width(
-    bank: GaussianSum, k: int, lever: Floats, ranges: RangeTable, m: int, noise: float
+    gaussians: GaussianSum, k: int, lever: Floats, ranges: RangeTable, m: int, noise: float
 ) -> tuple[int, float]:
-    """Row of bank.J, bank.H along which Gaussian k is too wide for range m, and by what factor.
+    """Row of J, H along which Gaussian k is too wide for range m, and by what factor.
 
     Row -1: it is not. Neither is what the range is about to refute.
     """
-    x, P, z = bank.mean[k], bank.covariance[k], max(ranges.range[m], noise)
-    h = predict_range_and_tangent(x, lever, ranges, m, bank.J, bank.H)
-    across = math.sqrt(max(projected_variance(P, bank.J, bank.H, TANGENT_ROW), 0.0))
-    along = math.sqrt(max(projected_variance(P, bank.J, bank.H, 0), 0.0))
+    x, P, z = gaussians.mean[k], gaussians.covariance[k], max(ranges.range[m], noise)
+    h = predict_range_and_tangent(x, lever, ranges, m, gaussians.J, gaussians.H)
+    across = math.sqrt(max(projected_variance(P, gaussians.J, gaussians.H, TANGENT_ROW), 0.0))
+    along = math.sqrt(max(projected_variance(P, gaussians.J, gaussians.H, 0), 0.0))
     if abs(ranges.range[m] - h) > REFUTED_SIGMAS * (along + noise) + across:
         return -1, 1.0
     limit = math.sqrt(2.0 * MAX_RANGE_CURVATURE * noise * z)
@@ -92,7 +97,7 @@ def find_excess_width(
 
 @compiled_noalloc
 def narrow_headings(
-    bank: GaussianSum, space: StateSpace, i: int, noise: float, at_random: bool
+    gaussians: GaussianSum, space: StateSpace, i: int, noise: float, at_random: bool
 ) -> None:
     """Narrow the headings of block i that bend the way its robot went since the last time.
 
@@ -101,18 +106,18 @@ def narrow_headings(
     d, index = space.who[i], 3 * i + 2
     limit = max(
         MAX_HEADING_SIGMA * MAX_HEADING_SIGMA,
-        2.0 * MAX_PATH_CURVATURE * noise / max(abs(bank.travel[d]), 1e-9),
+        2.0 * MAX_PATH_CURVATURE * noise / max(abs(gaussians.travel[d]), 1e-9),
     )
-    select_state_row(bank.J, bank.H, 0, index)
+    select_state_row(gaussians.J, gaussians.H, 0, index)
     found = False
     k = 0
-    while k < bank.alive[0]:
-        variance = bank.covariance[k][index, index]
+    while k < gaussians.alive[0]:
+        variance = gaussians.covariance[k][index, index]
         if not variance > 1.1 * limit:  # Nor a variance that is no number.
             k += 1
-        elif split_or_draw(bank, k, 0, MAX_HEADING_SIGMA / math.sqrt(variance), at_random):
+        elif split_or_draw(gaussians, k, 0, MAX_HEADING_SIGMA / math.sqrt(variance), at_random):
             found = True
         else:
             return
     if found:
-        bank.travel[d] = 0.0
+        gaussians.travel[d] = 0.0

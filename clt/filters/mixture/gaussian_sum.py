@@ -1,4 +1,4 @@
-"""A bank of Kalman filters over one state space: many Gaussians moved and corrected together.
+"""Kalman filters over one state space: many Gaussians moved and corrected together.
 
 The log weight of each gathers the evidence of the ranges, log w += -1/2 (log 2 pi S + r^2 / S)
 (Alspach and Sorenson 1972). An outlier beyond the gate corrects nothing and counts as one on the
@@ -74,7 +74,7 @@ class GaussianSum(NamedTuple):
 
 
 class GaussianSumMemory(NamedTuple):
-    """What of a bank a run that goes on has to know beside the belief (`Solution.memory`)."""
+    """What a run that goes on has to know beside the belief (`Solution.memory`)."""
 
     travel: Floats
     dropped: Floats
@@ -92,7 +92,7 @@ class MixtureOutput(NamedTuple):
 
 
 def make_gaussian_sum(belief: Belief, problem: Problem, room: int, *, hold: bool) -> GaussianSum:
-    """A bank at the problem's start with room for at least `room` Gaussians.
+    """A Gaussian sum at the problem's start with room for at least `room` Gaussians.
 
     hold: what no range observes (`kalman.free.use_first_estimates`).
     """
@@ -123,53 +123,58 @@ def make_mixture_output(outputs: Outputs, ranges: RangeTable) -> MixtureOutput:
     )  # fmt: skip
 
 
-def gaussian_sum_belief(bank: GaussianSum) -> Belief:
-    """What is in a bank."""
-    K = int(bank.alive[0])
-    return Belief(bank.log_weight[:K], bank.mean[:K], bank.covariance[:K])
+def gaussian_sum_belief(gaussians: GaussianSum) -> Belief:
+    """What is in a Gaussian sum."""
+    K = int(gaussians.alive[0])
+    return Belief(gaussians.log_weight[:K], gaussians.mean[:K], gaussians.covariance[:K])
 
 
-def gaussian_sum_memory(bank: GaussianSum) -> GaussianSumMemory:
+def gaussian_sum_memory(gaussians: GaussianSum) -> GaussianSumMemory:
     """What the next run has to know."""
-    return GaussianSumMemory(bank.travel, bank.dropped)
+    return GaussianSumMemory(gaussians.travel, gaussians.dropped)
 
 
 @compiled_noalloc
 def propagate_sum_driver(
-    bank: GaussianSum, d: int, until: int, segments: TwistSegments, space: StateSpace
+    gaussians: GaussianSum, d: int, until: int, segments: TwistSegments, space: StateSpace
 ) -> None:
     """Bring driver d of every Gaussian to the time `until` (ns) through its twist segments."""
-    while bank.time[d] < until:
-        s = bank.cursor[d]
+    while gaussians.time[d] < until:
+        s = gaussians.cursor[d]
         if s >= segments.first[d + 1]:
-            bank.time[d] = until
+            gaussians.time[d] = until
             return
         stop = min(until, segments.end[s])
-        dt, v, omega = (stop - bank.time[d]) * 1e-9, segments.v[s], segments.omega[s]
+        dt, v, omega = (stop - gaussians.time[d]) * 1e-9, segments.v[s], segments.omega[s]
         q_v, q_w = (
             segments.interval[s] * segments.var_v[s],
             segments.interval[s] * segments.var_omega[s],
         )
-        for k in range(bank.alive[0]):
+        for k in range(gaussians.alive[0]):
             propagate_blocks(
-                bank.mean[k], bank.covariance[k], bank.F, bank.G, bank.shift, space, d,
-                v, omega, dt, q_v, q_w,
+                gaussians.mean[k], gaussians.covariance[k], gaussians.F, gaussians.G,
+                gaussians.shift, space, d, v, omega, dt, q_v, q_w,
             )  # fmt: skip
-        bank.travel[d] += v * dt
-        bank.time[d] = stop
+        gaussians.travel[d] += v * dt
+        gaussians.time[d] = stop
         if stop == segments.end[s]:
-            bank.cursor[d] = s + 1
+            gaussians.cursor[d] = s + 1
 
 
 @compiled_noalloc
 def advance_sum_block(
-    bank: GaussianSum, i: int, until: int, segments: TwistSegments, space: StateSpace, whole: bool
+    gaussians: GaussianSum,
+    i: int,
+    until: int,
+    segments: TwistSegments,
+    space: StateSpace,
+    whole: bool,
 ) -> None:
     """Bring block i (none if negative) to a time: its robot and, for the `whole`, its base."""
     if i >= 0:
-        propagate_sum_driver(bank, space.who[i], until, segments, space)
+        propagate_sum_driver(gaussians, space.who[i], until, segments, space)
         if whole and space.base[i] >= 0:
-            propagate_sum_driver(bank, space.base[i], until, segments, space)
+            propagate_sum_driver(gaussians, space.base[i], until, segments, space)
 
 
 @compiled_noalloc
@@ -230,18 +235,18 @@ def normalize_weights(log_weight: Floats, count: int) -> None:
 
 @compiled_noalloc
 def fuse_range(
-    bank: GaussianSum, space: StateSpace, segments: TwistSegments, lever: Floats,
+    gaussians: GaussianSum, space: StateSpace, segments: TwistSegments, lever: Floats,
     ranges: RangeTable, m: int, gate: float, trace: MixtureOutput,
 ) -> None:  # fmt: skip
     """Fuse range m into every Gaussian, with its curvature to second order, and weigh them by it.
 
     A Gaussian of width s across the line of sight sees h + s^2 / 2h with s^4 / 2h^2 more variance.
     """
-    J, H, free = bank.J, bank.H, bank.free
-    instant = Instant(space, ranges, segments, bank.cursor, m, m + 1)
+    J, H, free = gaussians.J, gaussians.H, gaussians.free
+    instant = Instant(space, ranges, segments, gaussians.cursor, m, m + 1)
     mean, square, used = 0.0, 0.0, 0.0
-    for k in range(bank.alive[0]):
-        x, P = bank.mean[k], bank.covariance[k]
+    for k in range(gaussians.alive[0]):
+        x, P = gaussians.mean[k], gaussians.covariance[k]
         if free.mutual == 1:
             set_inverse(x, P)
         h = predict_range_and_tangent(x, lever, ranges, m, J, H)
@@ -251,21 +256,21 @@ def fuse_range(
         spread = projected_variance(P, J, H, 0) + 2.0 * bend * bend
         S, S_gate = spread + ranges.weight_variance[m], spread + ranges.variance[m]
         if not (S > 0.0 and S_gate > 0.0 and math.isfinite(r)):
-            bank.log_weight[k] -= INVALID_LOG_PENALTY
+            gaussians.log_weight[k] -= INVALID_LOG_PENALTY
             continue
-        w = math.exp(bank.log_weight[k])
+        w = math.exp(gaussians.log_weight[k])
         mean += w * r
         square += w * (S_gate + r * r)
         inside = gate <= 0.0 or r * r <= gate * S_gate
         if inside:
             used += w
             turns = find_unobservable(x, P, instant, free)
-            update_gaussian(x, P, J, H, bank.gain, r, S)
+            update_gaussian(x, P, J, H, gaussians.gain, r, S)
             replace_unobservable(x, P, instant, free, turns)
         nis = r * r / S if inside else gate
-        bank.log_weight[k] -= 0.5 * (math.log(2.0 * math.pi * S) + nis)
+        gaussians.log_weight[k] -= 0.5 * (math.log(2.0 * math.pi * S) + nis)
     trace.residual[m], trace.variance[m] = mean, square - mean * mean
     trace.verdict[m] = RANGE_USED if used >= 0.5 else RANGE_REJECTED
     if not trace.variance[m] > 0.0:
         trace.residual[m], trace.variance[m] = 0.0, ranges.variance[m]
-    normalize_weights(bank.log_weight, bank.alive[0])
+    normalize_weights(gaussians.log_weight, gaussians.alive[0])

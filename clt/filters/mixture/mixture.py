@@ -40,9 +40,9 @@ from clt.model.solution import Solution
 from clt.model.state_space import StateSpace
 
 RANGES_PER_REDUCTION = 20
-"""Ranges after which the bank is reduced."""
+"""Ranges after which the sum is reduced."""
 MAX_FILL_SHARE = 0.7
-"""Share of the room beyond which the bank is reduced at once."""
+"""Share of the room beyond which the sum is reduced at once."""
 CAPACITY_FACTOR = 4
 """Room for so many times the Gaussians that are kept, for splits."""
 MAX_SMALL_TEAM_BLOCKS, SMALL_TEAM_GAUSSIANS, LARGE_TEAM_GAUSSIANS = 2, 1000, 100
@@ -54,18 +54,18 @@ def solve_mixture(problem: Problem, settings: FilterSettings) -> Solution:
     belief = problem.belief
     if problem.prior is not None:
         belief = split_prior_headings(problem.prior, MAX_HEADING_SIGMA)
-    bank = make_gaussian_sum(
+    gaussians = make_gaussian_sum(
         belief,
         problem,
         CAPACITY_FACTOR * gaussians_kept(problem, settings),
         hold=use_first_estimates(problem, settings),
     )
     trace = make_mixture_output(problem.outputs, problem.ranges)
-    mixture_kernel(bank, problem.inputs, settings.nis_gate, make_merge_workspace(bank), trace)
+    mixture_kernel(gaussians, problem.inputs, settings.nis_gate, make_merge_workspace(gaussians), trace)
     return Solution(
         trace.mean, trace.covariance, trace.residual, trace.variance, trace.verdict,
-        np.zeros(len(problem.robots), np.int64), gaussian_sum_belief(bank), trace.share,
-        float(bank.dropped[0]), gaussian_sum_memory(bank),
+        np.zeros(len(problem.robots), np.int64), gaussian_sum_belief(gaussians), trace.share,
+        float(gaussians.dropped[0]), gaussian_sum_memory(gaussians),
     )  # fmt: skip
 
 
@@ -82,48 +82,52 @@ def gaussians_kept(problem: Problem, settings: FilterSettings) -> int:
 
 @compiled_noalloc
 def mixture_kernel(
-    bank: GaussianSum,
+    gaussians: GaussianSum,
     inputs: FilterInputs,
     gate: float,
-    desk: MergeWorkspace,
+    workspace: MergeWorkspace,
     trace: MixtureOutput,
 ) -> None:
-    """The filter over a whole log: fills `trace`; `bank` ends as the last posterior."""
+    """The filter over a whole log: fills `trace`; `gaussians` ends as the last posterior."""
     space, lever, segments, ranges, _, outputs, events, _, end = inputs
     for e in range(events.stamp.size):
         now = events.stamp[e]
         for m in range(events.first_range[e], events.first_range[e + 1]):
             a, b = ranges.a[m], ranges.b[m]
-            advance_sum_block(bank, a, now, segments, space, b < 0)
-            advance_sum_block(bank, b, now, segments, space, a < 0)
-            if bank.alive[0] > MAX_FILL_SHARE * bank.log_weight.size:
-                reduce_with_room(bank, space, desk)
-            narrow_for_range(bank, space, lever, ranges, m, False)
-            fuse_range(bank, space, segments, lever, ranges, m, gate, trace)
+            advance_sum_block(gaussians, a, now, segments, space, b < 0)
+            advance_sum_block(gaussians, b, now, segments, space, a < 0)
+            if gaussians.alive[0] > MAX_FILL_SHARE * gaussians.log_weight.size:
+                reduce_with_room(gaussians, space, workspace)
+            narrow_for_range(gaussians, space, lever, ranges, m, False)
+            fuse_range(gaussians, space, segments, lever, ranges, m, gate, trace)
             if m % RANGES_PER_REDUCTION == 0:
-                reduce_with_room(bank, space, desk)
+                reduce_with_room(gaussians, space, workspace)
         for o in range(events.first_output[e], events.first_output[e + 1]):
             i = outputs.robot[o]
-            advance_sum_block(bank, i, now, segments, space, True)
-            write_sum_output(bank, space, i, trace, o, desk.mode)
-    for d in range(bank.time.size):
-        propagate_sum_driver(bank, d, end, segments, space)
+            advance_sum_block(gaussians, i, now, segments, space, True)
+            write_sum_output(gaussians, space, i, trace, o, workspace.mode)
+    for d in range(gaussians.time.size):
+        propagate_sum_driver(gaussians, d, end, segments, space)
 
 
 @compiled_noalloc
-def reduce_with_room(bank: GaussianSum, space: StateSpace, desk: MergeWorkspace) -> None:
-    """Reduce the bank, with room left for splits."""
-    if bank.alive[0] > 1:
-        reduce_mixture(bank, space.who.size, bank.log_weight.size // CAPACITY_FACTOR, desk)
+def reduce_with_room(gaussians: GaussianSum, space: StateSpace, workspace: MergeWorkspace) -> None:
+    """Reduce the sum, with room left for splits."""
+    if gaussians.alive[0] > 1:
+        reduce_mixture(
+            gaussians, space.who.size, gaussians.log_weight.size // CAPACITY_FACTOR, workspace
+        )
 
 
 @compiled_noalloc
 def write_sum_output(
-    bank: GaussianSum, space: StateSpace, i: int, trace: MixtureOutput, o: int, scratch: Floats
+    gaussians: GaussianSum, space: StateSpace, i: int, trace: MixtureOutput, o: int, scratch: Floats
 ) -> None:
     """Moments and leading share of block i to output o, with the circles that turns lead along."""
-    w, x, P, n = bank.log_weight, bank.mean, bank.covariance, bank.alive[0]
+    w, x, P, n = gaussians.log_weight, gaussians.mean, gaussians.covariance, gaussians.alive[0]
     lead = mixture_block_moments(w, x, P, n, i, trace.mean[o], trace.covariance[o])
     for k in range(n):
-        add_turn_curvature(x[k], P[k], space, i, math.exp(w[k]), bank.free, trace.covariance[o])
+        add_turn_curvature(
+            x[k], P[k], space, i, math.exp(w[k]), gaussians.free, trace.covariance[o]
+        )
     trace.share[o] = leading_mode_probability(w, x, P, n, i, lead, scratch)

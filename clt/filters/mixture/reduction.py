@@ -1,4 +1,4 @@
-"""Keeping a bank small: hypotheses that the ranges refuted go, those that came together merge.
+"""A Gaussian sum is kept small: what the ranges refuted goes, what came together merges.
 
 Two Gaussians merge, with their common moments, where that changes little: Runnalls' bound (2007)
 on the Kullback-Leibler divergence, for the two alone, is below MAX_MERGE_DIVERGENCE. Covariances
@@ -68,29 +68,29 @@ def farthest(P: Floats, Q: Floats, d: Floats) -> float:
 
 
 @compiled_noalloc
-def copy_gaussian(bank: GaussianSum, to: int, k: int) -> None:
+def copy_gaussian(gaussians: GaussianSum, to: int, k: int) -> None:
     """Gaussian k over Gaussian `to`."""
-    bank.log_weight[to] = bank.log_weight[k]
-    for r in range(bank.mean.shape[1]):
-        bank.mean[to, r] = bank.mean[k, r]
-        for c in range(bank.mean.shape[1]):
-            bank.covariance[to, r, c] = bank.covariance[k, r, c]
+    gaussians.log_weight[to] = gaussians.log_weight[k]
+    for r in range(gaussians.mean.shape[1]):
+        gaussians.mean[to, r] = gaussians.mean[k, r]
+        for c in range(gaussians.mean.shape[1]):
+            gaussians.covariance[to, r, c] = gaussians.covariance[k, r, c]
 
 
 @compiled_noalloc
-def prune_light(bank: GaussianSum, least: float) -> None:
+def prune_light(gaussians: GaussianSum, least: float) -> None:
     """Drop the Gaussians lighter than `least`; the order of the others stays."""
     kept = 0
     limit = math.log(least)
-    for k in range(bank.alive[0]):
-        if bank.log_weight[k] >= limit:
+    for k in range(gaussians.alive[0]):
+        if gaussians.log_weight[k] >= limit:
             if kept < k:
-                copy_gaussian(bank, kept, k)
+                copy_gaussian(gaussians, kept, k)
             kept += 1
     if kept == 0:  # No Gaussian has numbers any more.
-        kept, bank.log_weight[0] = 1, 0.0
-    bank.alive[0] = kept
-    normalize_weights(bank.log_weight, kept)
+        kept, gaussians.log_weight[0] = 1, 0.0
+    gaussians.alive[0] = kept
+    normalize_weights(gaussians.log_weight, kept)
 
 
 class MergeWorkspace(NamedTuple):
@@ -108,9 +108,9 @@ class MergeWorkspace(NamedTuple):
     """For `modes.leading_share`, (ROWS, 3)."""
 
 
-def make_merge_workspace(bank: GaussianSum) -> MergeWorkspace:
-    """Scratch for a bank."""
-    C, N = bank.mean.shape
+def make_merge_workspace(gaussians: GaussianSum) -> MergeWorkspace:
+    """Scratch for a Gaussian sum."""
+    C, N = gaussians.mean.shape
     return MergeWorkspace(
         np.zeros(C), np.zeros(N), np.zeros((N, N)), np.zeros((N, N)), np.zeros((ROWS, 3))
     )
@@ -126,50 +126,52 @@ def combined(P: Floats, Q: Floats, d: Floats, a: float, M: Floats) -> None:
 
 
 @compiled_noalloc
-def share_of(bank: GaussianSum, i: int, j: int) -> float:
+def share_of(gaussians: GaussianSum, i: int, j: int) -> float:
     """Weight of Gaussian i in that of i and j."""
-    return 1.0 / (1.0 + math.exp(bank.log_weight[j] - bank.log_weight[i]))
+    return 1.0 / (1.0 + math.exp(gaussians.log_weight[j] - gaussians.log_weight[i]))
 
 
 @compiled_noalloc
-def put(bank: GaussianSum, i: int, j: int, a: float, desk: MergeWorkspace) -> None:
+def put(gaussians: GaussianSum, i: int, j: int, a: float, workspace: MergeWorkspace) -> None:
     """Gaussian i, of share a, becomes what `combined` made of it and j, which weighs nothing."""
-    for r in range(desk.difference.size):
-        bank.mean[i, r] += (1.0 - a) * desk.difference[r]
-        for c in range(desk.difference.size):
-            bank.covariance[i, r, c] = desk.merged[r, c]
-    bank.log_weight[i] -= math.log(a)
-    bank.log_weight[j] = -math.inf
+    for r in range(workspace.difference.size):
+        gaussians.mean[i, r] += (1.0 - a) * workspace.difference[r]
+        for c in range(workspace.difference.size):
+            gaussians.covariance[i, r, c] = workspace.merged[r, c]
+    gaussians.log_weight[i] -= math.log(a)
+    gaussians.log_weight[j] = -math.inf
 
 
 @compiled_noalloc
-def merge_pair(bank: GaussianSum, i: int, j: int, blocks: int, desk: MergeWorkspace) -> bool:
+def merge_pair(
+    gaussians: GaussianSum, i: int, j: int, blocks: int, workspace: MergeWorkspace
+) -> bool:
     """Merge Gaussian j into i if they are alike; its weight becomes zero."""
-    P, Q, d = bank.covariance[i], bank.covariance[j], desk.difference
-    state_difference(bank.mean[i], bank.mean[j], blocks, d)
+    P, Q, d = gaussians.covariance[i], gaussians.covariance[j], workspace.difference
+    state_difference(gaussians.mean[i], gaussians.mean[j], blocks, d)
     if farthest(P, Q, d) > FAR:
         return False
-    a = share_of(bank, i, j)
-    combined(P, Q, d, a, desk.merged)
-    whole = log_determinant(desk.merged, desk.factor)
-    cost = 0.5 * (whole - a * desk.determinant[i] - (1.0 - a) * desk.determinant[j])
+    a = share_of(gaussians, i, j)
+    combined(P, Q, d, a, workspace.merged)
+    whole = log_determinant(workspace.merged, workspace.factor)
+    cost = 0.5 * (whole - a * workspace.determinant[i] - (1.0 - a) * workspace.determinant[j])
     if not cost <= MAX_MERGE_DIVERGENCE:
         return False
-    desk.determinant[i] = whole
-    put(bank, i, j, a, desk)
+    workspace.determinant[i] = whole
+    put(gaussians, i, j, a, workspace)
     return True
 
 
 @compiled_noalloc
-def merge_similar(bank: GaussianSum, blocks: int, desk: MergeWorkspace) -> None:
+def merge_similar(gaussians: GaussianSum, blocks: int, workspace: MergeWorkspace) -> None:
     """Merge what is alike, in pairs; what merged into others weighs nothing."""
-    n = bank.alive[0]
+    n = gaussians.alive[0]
     for k in range(n):
-        desk.determinant[k] = log_determinant(bank.covariance[k], desk.factor)
+        workspace.determinant[k] = log_determinant(gaussians.covariance[k], workspace.factor)
     for i in range(n):
         for j in range(i + 1, n):
-            if bank.log_weight[i] > -math.inf and bank.log_weight[j] > -math.inf:
-                merge_pair(bank, i, j, blocks, desk)
+            if gaussians.log_weight[i] > -math.inf and gaussians.log_weight[j] > -math.inf:
+                merge_pair(gaussians, i, j, blocks, workspace)
 
 
 @compiled_noalloc
@@ -183,49 +185,57 @@ def lightest(log_weight: Floats, count: int) -> int:
 
 
 @compiled_noalloc
-def nearest(bank: GaussianSum, j: int, blocks: int, desk: MergeWorkspace) -> int:
+def nearest(gaussians: GaussianSum, j: int, blocks: int, workspace: MergeWorkspace) -> int:
     """The Gaussian nearest to j of those within SAME_MODE_MAHALANOBIS_SQ; -1 for none."""
     found, best = -1, SAME_MODE_MAHALANOBIS_SQ
-    for i in range(bank.alive[0]):
-        if i != j and bank.log_weight[i] > -math.inf:
-            state_difference(bank.mean[i], bank.mean[j], blocks, desk.difference)
-            far = farthest(bank.covariance[i], bank.covariance[j], desk.difference)
+    for i in range(gaussians.alive[0]):
+        if i != j and gaussians.log_weight[i] > -math.inf:
+            state_difference(gaussians.mean[i], gaussians.mean[j], blocks, workspace.difference)
+            far = farthest(gaussians.covariance[i], gaussians.covariance[j], workspace.difference)
             if far < best:
                 found, best = i, far
     return found
 
 
 @compiled_noalloc
-def absorb(bank: GaussianSum, surplus: int, blocks: int, desk: MergeWorkspace) -> float:
+def absorb(gaussians: GaussianSum, surplus: int, blocks: int, workspace: MergeWorkspace) -> float:
     """Merge the lightest into what is nearest, `surplus` times; one that is near nothing goes.
 
     Returns the weight of what went; what is gone weighs nothing.
     """
     lost = 0.0
     for _ in range(surplus):
-        j = lightest(bank.log_weight, bank.alive[0])
-        i = nearest(bank, j, blocks, desk)
+        j = lightest(gaussians.log_weight, gaussians.alive[0])
+        i = nearest(gaussians, j, blocks, workspace)
         if i < 0:
-            lost += math.exp(bank.log_weight[j])
-            bank.log_weight[j] = -math.inf
+            lost += math.exp(gaussians.log_weight[j])
+            gaussians.log_weight[j] = -math.inf
             continue
-        state_difference(bank.mean[i], bank.mean[j], blocks, desk.difference)
-        a = share_of(bank, i, j)
-        combined(bank.covariance[i], bank.covariance[j], desk.difference, a, desk.merged)
-        put(bank, i, j, a, desk)
+        state_difference(gaussians.mean[i], gaussians.mean[j], blocks, workspace.difference)
+        a = share_of(gaussians, i, j)
+        combined(
+            gaussians.covariance[i],
+            gaussians.covariance[j],
+            workspace.difference,
+            a,
+            workspace.merged,
+        )
+        put(gaussians, i, j, a, workspace)
     return lost
 
 
 @compiled_noalloc
-def reduce_mixture(bank: GaussianSum, blocks: int, most: int, desk: MergeWorkspace) -> None:
+def reduce_mixture(
+    gaussians: GaussianSum, blocks: int, most: int, workspace: MergeWorkspace
+) -> None:
     """Prune, merge, and make room so that not more than `most` are left.
 
     The weight of what there is no room for adds to `dropped`.
     """
-    prune_light(bank, MIN_WEIGHT)
-    merge_similar(bank, blocks, desk)
-    prune_light(bank, MIN_WEIGHT)
-    if bank.alive[0] > most:
-        lost = absorb(bank, bank.alive[0] - most, blocks, desk)
-        bank.dropped[0] += (1.0 - bank.dropped[0]) * lost
-        prune_light(bank, MIN_WEIGHT)
+    prune_light(gaussians, MIN_WEIGHT)
+    merge_similar(gaussians, blocks, workspace)
+    prune_light(gaussians, MIN_WEIGHT)
+    if gaussians.alive[0] > most:
+        lost = absorb(gaussians, gaussians.alive[0] - most, blocks, workspace)
+        gaussians.dropped[0] += (1.0 - gaussians.dropped[0]) * lost
+        prune_light(gaussians, MIN_WEIGHT)

@@ -42,18 +42,18 @@ def part_density(place: float, width: float) -> float:
 
 
 @compiled_noalloc
-def sigma_along_row(bank: GaussianSum, k: int, row: int) -> float:
+def sigma_along_row(gaussians: GaussianSum, k: int, row: int) -> float:
     """Standard deviation of Gaussian k along row `row` of J, H, and P H^T into `gain`.
 
     Zero where the covariance is none any more.
     """
-    covariance_times_row(bank.covariance[k], bank.J, bank.H, row, bank.gain)
-    square = row_times_vector(bank.gain, bank.J, bank.H, row)
+    covariance_times_row(gaussians.covariance[k], gaussians.J, gaussians.H, row, gaussians.gain)
+    square = row_times_vector(gaussians.gain, gaussians.J, gaussians.H, row)
     return math.sqrt(square) if square > 0.0 else 0.0
 
 
 @compiled_noalloc
-def split_gaussian(bank: GaussianSum, k: int, row: int, width: float) -> bool:
+def split_gaussian(gaussians: GaussianSum, k: int, row: int, width: float) -> bool:
     """Split Gaussian k along row `row` of J, H into parts of about `width` of its own.
 
     The parts take its place and those behind the last. False where there is no room, or its
@@ -61,9 +61,9 @@ def split_gaussian(bank: GaussianSum, k: int, row: int, width: float) -> bool:
     """
     width = min(width, MAX_SPLIT_WIDTH)
     n = parts_per_side(width)
-    first = bank.alive[0]
-    sigma, g = sigma_along_row(bank, k, row), bank.gain
-    if first + 2 * n > bank.log_weight.size or sigma == 0.0:
+    first = gaussians.alive[0]
+    sigma, g = sigma_along_row(gaussians, k, row), gaussians.gain
+    if first + 2 * n > gaussians.log_weight.size or sigma == 0.0:
         return False
     total, variance = 0.0, 0.0
     for i in range(-n, n + 1):
@@ -73,38 +73,38 @@ def split_gaussian(bank: GaussianSum, k: int, row: int, width: float) -> bool:
     variance /= total
     for r in range(g.size):
         g[r] /= sigma
-    x, P, w = bank.mean[k], bank.covariance[k], bank.log_weight[k]
+    x, P, w = gaussians.mean[k], gaussians.covariance[k], gaussians.log_weight[k]
     for r in range(g.size):
         for c in range(g.size):
             P[r, c] -= variance * g[r] * g[c]
     for i in range(-n, n + 1):
         if i == 0:
             continue
-        place, to = i * SPLIT_SPACING * width, bank.alive[0]
+        place, to = i * SPLIT_SPACING * width, gaussians.alive[0]
         for r in range(g.size):
-            bank.mean[to, r] = x[r] + place * g[r]
+            gaussians.mean[to, r] = x[r] + place * g[r]
             for c in range(g.size):
-                bank.covariance[to, r, c] = P[r, c]
-        bank.log_weight[to] = w + math.log(part_density(place, width) / total)
-        bank.alive[0] += 1
-    bank.log_weight[k] = w - math.log(total)
+                gaussians.covariance[to, r, c] = P[r, c]
+        gaussians.log_weight[to] = w + math.log(part_density(place, width) / total)
+        gaussians.alive[0] += 1
+    gaussians.log_weight[k] = w - math.log(total)
     return True
 
 
 @compiled_noalloc
-def draw_narrower(bank: GaussianSum, k: int, row: int, width: float) -> bool:
+def draw_narrower(gaussians: GaussianSum, k: int, row: int, width: float) -> bool:
     """Replace Gaussian k by one of `width` of its own along row `row` of J, H, drawn at random.
 
     False where its covariance is none any more.
     """
-    g, P = bank.gain, bank.covariance[k]
-    sigma = sigma_along_row(bank, k, row)
+    g, P = gaussians.gain, gaussians.covariance[k]
+    sigma = sigma_along_row(gaussians, k, row)
     if sigma == 0.0:
         return False
     taken = 1.0 - width * width
     place = math.sqrt(taken) * np.random.normal() / sigma  # noqa: NPY002  seeded by the kernel
     for r in range(g.size):
-        bank.mean[k, r] += place * g[r]
+        gaussians.mean[k, r] += place * g[r]
     for r in range(g.size):
         for c in range(g.size):
             P[r, c] -= taken * g[r] * g[c] / (sigma * sigma)

@@ -51,11 +51,11 @@ def solve_gaussian_particles(problem: Problem, settings: FilterSettings) -> Solu
     if problem.prior is not None:
         wide = split_prior_headings(problem.prior, MAX_HEADING_SIGMA)
         belief = draw_gaussians(wide, settings.pf.gaussians, settings.pf.seed)
-    bank = make_gaussian_sum(belief, problem, 0, hold=use_first_estimates(problem, settings))
+    gaussians = make_gaussian_sum(belief, problem, 0, hold=use_first_estimates(problem, settings))
     trace = make_mixture_output(problem.outputs, problem.ranges)
     K = belief.log_weight.size
     gaussian_particles_kernel(
-        bank,
+        gaussians,
         problem.inputs,
         settings.nis_gate,
         kernel_seed(problem, settings),
@@ -66,8 +66,8 @@ def solve_gaussian_particles(problem: Problem, settings: FilterSettings) -> Solu
     )
     return Solution(
         trace.mean, trace.covariance, trace.residual, trace.variance, trace.verdict,
-        np.zeros(len(problem.robots), np.int64), gaussian_sum_belief(bank),
-        trace.share, memory=gaussian_sum_memory(bank),
+        np.zeros(len(problem.robots), np.int64), gaussian_sum_belief(gaussians),
+        trace.share, memory=gaussian_sum_memory(gaussians),
     )  # fmt: skip
 
 
@@ -81,20 +81,20 @@ def draw_gaussians(belief: Belief, count: int, seed: int) -> Belief:
 
 
 @compiled_noalloc
-def resample_gaussians(bank: GaussianSum, copies: Indices, source: Indices) -> None:
+def resample_gaussians(gaussians: GaussianSum, copies: Indices, source: Indices) -> None:
     """Draw the particles anew in proportion to their weights, which then are equal."""
-    K = bank.alive[0]
-    systematic_resampling(bank.log_weight, copies, source)
+    K = gaussians.alive[0]
+    systematic_resampling(gaussians.log_weight, copies, source)
     for k in range(K):
         if source[k] != k:
-            copy_gaussian(bank, k, source[k])
+            copy_gaussian(gaussians, k, source[k])
     for k in range(K):
-        bank.log_weight[k] = -math.log(K)
+        gaussians.log_weight[k] = -math.log(K)
 
 
 @compiled_noalloc
 def gaussian_particles_kernel(
-    bank: GaussianSum,
+    gaussians: GaussianSum,
     inputs: FilterInputs,
     gate: float,
     seed: int,
@@ -103,23 +103,23 @@ def gaussian_particles_kernel(
     scratch: Floats,
     trace: MixtureOutput,
 ) -> None:
-    """The filter over a whole log: fills `trace`; `bank` ends as the last posterior."""
+    """The filter over a whole log: fills `trace`; `gaussians` ends as the last posterior."""
     np.random.seed(seed)  # noqa: NPY002  numba's generator of this thread
-    K = bank.alive[0]
+    K = gaussians.alive[0]
     space, lever, segments, ranges, _, outputs, events, _, end = inputs
     for e in range(events.stamp.size):
         now = events.stamp[e]
         for m in range(events.first_range[e], events.first_range[e + 1]):
             a, b = ranges.a[m], ranges.b[m]
-            advance_sum_block(bank, a, now, segments, space, b < 0)
-            advance_sum_block(bank, b, now, segments, space, a < 0)
-            narrow_for_range(bank, space, lever, ranges, m, True)
-            fuse_range(bank, space, segments, lever, ranges, m, gate, trace)
-            if effective_sample_size(bank.log_weight) < MIN_EFFECTIVE_SHARE * K:
-                resample_gaussians(bank, copies, source)
+            advance_sum_block(gaussians, a, now, segments, space, b < 0)
+            advance_sum_block(gaussians, b, now, segments, space, a < 0)
+            narrow_for_range(gaussians, space, lever, ranges, m, True)
+            fuse_range(gaussians, space, segments, lever, ranges, m, gate, trace)
+            if effective_sample_size(gaussians.log_weight) < MIN_EFFECTIVE_SHARE * K:
+                resample_gaussians(gaussians, copies, source)
         for o in range(events.first_output[e], events.first_output[e + 1]):
             i = outputs.robot[o]
-            advance_sum_block(bank, i, now, segments, space, True)
-            write_sum_output(bank, space, i, trace, o, scratch)
-    for d in range(bank.time.size):
-        propagate_sum_driver(bank, d, end, segments, space)
+            advance_sum_block(gaussians, i, now, segments, space, True)
+            write_sum_output(gaussians, space, i, trace, o, scratch)
+    for d in range(gaussians.time.size):
+        propagate_sum_driver(gaussians, d, end, segments, space)

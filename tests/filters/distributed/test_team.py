@@ -219,7 +219,7 @@ def test_where_a_direction_is_lost_the_way_goes_anywhere(base):
     known = np.array([[0.25, 0.0, 1e3]])
     silent = Outage(one, 2 * SECOND, 4 * SECOND, np.array([SECOND]), known)
     member = make_gaussian_member(problem, settings(), rounds)
-    more = member.without(silent).bank.covariance[0] - member.bank.covariance[0]
+    more = member.without(silent).gaussians.covariance[0] - member.gaussians.covariance[0]
     way = 0.5 * 0.25 * (3.0**2 - 1.0**2)
     expected = np.zeros((6, 6))
     for i, j in ((0, 0), (3, 3), (0, 3), (3, 0)) if base else ((0, 0),):

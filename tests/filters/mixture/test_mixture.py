@@ -64,20 +64,20 @@ def relative_error(recording, problem, solution):
     return e
 
 
-def bank_of(mean, covariance, room=50):
-    """A bank with one Gaussian over one block."""
+def gaussians_of(mean, covariance, room=50):
+    """A Gaussian sum with one Gaussian over one block."""
     problem = pair_problem(team_recording(moving=2, seconds=1.0), (0.1, 0.1, 0.1))
     return make_gaussian_sum(
         Belief(np.zeros(1), mean[None], covariance[None]), problem, room, hold=False
     )
 
 
-def total(bank):
-    """Mean and covariance of all of a bank."""
-    n = bank.alive[0]
-    w, x = np.exp(bank.log_weight[:n]), bank.mean[:n]
+def total(gaussians):
+    """Mean and covariance of all of a Gaussian sum."""
+    n = gaussians.alive[0]
+    w, x = np.exp(gaussians.log_weight[:n]), gaussians.mean[:n]
     d = x - w @ x
-    P = np.einsum("k,kij->ij", w, bank.covariance[:n]) + np.einsum("k,ki,kj->ij", w, d, d)
+    P = np.einsum("k,kij->ij", w, gaussians.covariance[:n]) + np.einsum("k,ki,kj->ij", w, d, d)
     return w @ x, P
 
 
@@ -90,39 +90,43 @@ def wide():
 @pytest.mark.parametrize("width", [0.3, 0.5, 0.8])
 def test_a_split_leaves_mean_and_covariance(width):
     mean, P = wide()
-    bank = bank_of(mean, P)
-    bank.J[0], bank.H[0] = [0, 1, 2, 0, 0, 0], [0.6, -0.2, 1.0, 0, 0, 0]
-    assert split_gaussian(bank, 0, 0, width)
-    assert bank.alive[0] >= 3
-    after, spread = total(bank)
+    gaussians = gaussians_of(mean, P)
+    gaussians.J[0], gaussians.H[0] = [0, 1, 2, 0, 0, 0], [0.6, -0.2, 1.0, 0, 0, 0]
+    assert split_gaussian(gaussians, 0, 0, width)
+    assert gaussians.alive[0] >= 3
+    after, spread = total(gaussians)
     np.testing.assert_allclose(after, mean, atol=1e-12)
     np.testing.assert_allclose(spread, P, atol=1e-12)
-    h = bank.H[0, :3]
-    each = np.einsum("i,kij,j->k", h, bank.covariance[: bank.alive[0]], h) / (h @ P @ h)
+    h = gaussians.H[0, :3]
+    each = np.einsum("i,kij,j->k", h, gaussians.covariance[: gaussians.alive[0]], h) / (h @ P @ h)
     assert np.sqrt(each).max() < 1.15 * min(width, 0.75)
-    assert np.linalg.eigvalsh(bank.covariance[: bank.alive[0]]).min() > 0.0
+    assert np.linalg.eigvalsh(gaussians.covariance[: gaussians.alive[0]]).min() > 0.0
 
 
 @pytest.mark.parametrize("width", [0.3, 0.5, 0.8])
 def test_a_split_leaves_the_density(width):
-    bank = bank_of(np.zeros(3), np.eye(3))
-    bank.J[0], bank.H[0] = 0, [1, 0, 0, 0, 0, 0]
-    assert split_gaussian(bank, 0, 0, width)
-    n = bank.alive[0]
+    gaussians = gaussians_of(np.zeros(3), np.eye(3))
+    gaussians.J[0], gaussians.H[0] = 0, [1, 0, 0, 0, 0, 0]
+    assert split_gaussian(gaussians, 0, 0, width)
+    n = gaussians.alive[0]
     at = np.linspace(-6, 6, 2001)
     normal = lambda x, m, s: np.exp(-0.5 * ((x - m) / s) ** 2) / (s * np.sqrt(2 * np.pi))  # noqa: E731
-    w, m, s = np.exp(bank.log_weight[:n]), bank.mean[:n, 0], np.sqrt(bank.covariance[:n, 0, 0])
+    w, m, s = (
+        np.exp(gaussians.log_weight[:n]),
+        gaussians.mean[:n, 0],
+        np.sqrt(gaussians.covariance[:n, 0, 0]),
+    )
     mixed = (w * normal(at[:, None], m, s)).sum(axis=1)
     assert np.abs(mixed - normal(at, 0.0, 1.0)).sum() * (at[1] - at[0]) < 0.03
 
 
 def test_a_split_without_room_changes_nothing():
     mean, P = wide()
-    bank = bank_of(mean, P, room=2)
-    bank.J[0], bank.H[0] = 0, [1, 0, 0, 0, 0, 0]
-    assert not split_gaussian(bank, 0, 0, 0.3)
-    assert bank.alive[0] == 1
-    np.testing.assert_array_equal(bank.covariance[0], P)
+    gaussians = gaussians_of(mean, P, room=2)
+    gaussians.J[0], gaussians.H[0] = 0, [1, 0, 0, 0, 0, 0]
+    assert not split_gaussian(gaussians, 0, 0, 0.3)
+    assert gaussians.alive[0] == 1
+    np.testing.assert_array_equal(gaussians.covariance[0], P)
 
 
 @pytest.mark.parametrize("sigma", [0.3, 0.8, 1.5, 2.0, 50.0])
@@ -152,55 +156,55 @@ def test_mutual_blocks_of_a_wide_prior_stay_inverses():
 
 def test_what_came_together_merges_and_what_did_not_stays():
     mean, P = wide()
-    bank = bank_of(mean, P)
+    gaussians = gaussians_of(mean, P)
     far = np.array([5.0, 0.0, 0.0])
     for k, (x, w) in enumerate([(mean, 0.4), (mean + far, 0.3), (mean + 0.1, 0.3)]):
-        bank.mean[k], bank.covariance[k], bank.log_weight[k] = x, P, np.log(w)
-    bank.alive[0] = 3
-    before = total(bank)
-    merge_similar(bank, 1, make_merge_workspace(bank))
-    prune_light(bank, 1e-9)
-    assert bank.alive[0] == 2
-    np.testing.assert_allclose(np.sort(np.exp(bank.log_weight[:2])), [0.3, 0.7])
-    for ours, theirs in zip(total(bank), before, strict=True):
+        gaussians.mean[k], gaussians.covariance[k], gaussians.log_weight[k] = x, P, np.log(w)
+    gaussians.alive[0] = 3
+    before = total(gaussians)
+    merge_similar(gaussians, 1, make_merge_workspace(gaussians))
+    prune_light(gaussians, 1e-9)
+    assert gaussians.alive[0] == 2
+    np.testing.assert_allclose(np.sort(np.exp(gaussians.log_weight[:2])), [0.3, 0.7])
+    for ours, theirs in zip(total(gaussians), before, strict=True):
         np.testing.assert_allclose(ours, theirs, atol=1e-12)
 
 
 def test_headings_a_turn_apart_merge():
     mean, P = wide()
-    bank = bank_of(mean, P)
-    bank.mean[1], bank.covariance[1] = mean + np.array([0.0, 0.0, 2 * np.pi]), P
-    bank.log_weight[:2], bank.alive[0] = np.log(0.5), 2
-    reduce_mixture(bank, 1, 50, make_merge_workspace(bank))
-    assert bank.alive[0] == 1
-    np.testing.assert_allclose(bank.covariance[0], P, atol=1e-12)
+    gaussians = gaussians_of(mean, P)
+    gaussians.mean[1], gaussians.covariance[1] = mean + np.array([0.0, 0.0, 2 * np.pi]), P
+    gaussians.log_weight[:2], gaussians.alive[0] = np.log(0.5), 2
+    reduce_mixture(gaussians, 1, 50, make_merge_workspace(gaussians))
+    assert gaussians.alive[0] == 1
+    np.testing.assert_allclose(gaussians.covariance[0], P, atol=1e-12)
 
 
 def test_no_more_than_the_budget_are_kept():
-    bank = bank_of(np.zeros(3), 1e-4 * np.eye(3))
+    gaussians = gaussians_of(np.zeros(3), 1e-4 * np.eye(3))
     for k in range(40):
-        bank.mean[k], bank.covariance[k] = k, 1e-4 * np.eye(3)
-        bank.log_weight[k] = np.log((k + 1) / 820)
-    bank.alive[0] = 40
-    reduce_mixture(bank, 1, 10, make_merge_workspace(bank))
-    assert bank.alive[0] == 10
-    np.testing.assert_array_equal(bank.mean[:10, 0], np.arange(30, 40))
-    assert bank.dropped[0] == pytest.approx(np.arange(1, 31).sum() / 820)
-    assert abs(np.exp(bank.log_weight[:10]).sum() - 1.0) < 1e-12
+        gaussians.mean[k], gaussians.covariance[k] = k, 1e-4 * np.eye(3)
+        gaussians.log_weight[k] = np.log((k + 1) / 820)
+    gaussians.alive[0] = 40
+    reduce_mixture(gaussians, 1, 10, make_merge_workspace(gaussians))
+    assert gaussians.alive[0] == 10
+    np.testing.assert_array_equal(gaussians.mean[:10, 0], np.arange(30, 40))
+    assert gaussians.dropped[0] == pytest.approx(np.arange(1, 31).sum() / 820)
+    assert abs(np.exp(gaussians.log_weight[:10]).sum() - 1.0) < 1e-12
 
 
 def test_what_there_is_no_room_for_is_absorbed_by_its_neighbours():
     """A long chain of parts with room for a few: nothing is lost, the moments stay."""
-    bank, parts = bank_of(np.zeros(3), 0.01 * np.eye(3)), 40
+    gaussians, parts = gaussians_of(np.zeros(3), 0.01 * np.eye(3)), 40
     weight = np.exp(-0.5 * np.linspace(-2.0, 2.0, parts) ** 2)
-    bank.mean[:parts, 0] = 0.15 * np.arange(parts)
-    bank.covariance[:parts] = 0.01 * np.eye(3)
-    bank.log_weight[:parts], bank.alive[0] = np.log(weight / weight.sum()), parts
-    before = total(bank)
-    reduce_mixture(bank, 1, 6, make_merge_workspace(bank))
-    assert bank.alive[0] <= 6
-    assert bank.dropped[0] == 0.0
-    for ours, theirs in zip(total(bank), before, strict=True):
+    gaussians.mean[:parts, 0] = 0.15 * np.arange(parts)
+    gaussians.covariance[:parts] = 0.01 * np.eye(3)
+    gaussians.log_weight[:parts], gaussians.alive[0] = np.log(weight / weight.sum()), parts
+    before = total(gaussians)
+    reduce_mixture(gaussians, 1, 6, make_merge_workspace(gaussians))
+    assert gaussians.alive[0] <= 6
+    assert gaussians.dropped[0] == 0.0
+    for ours, theirs in zip(total(gaussians), before, strict=True):
         np.testing.assert_allclose(ours, theirs, atol=1e-12)
 
 
@@ -380,14 +384,14 @@ def turn_sigma(x, P):
 def test_ranges_from_a_robot_that_stands_leave_the_turn_about_it(hold):
     recording = standing_pair(3)
     problem = pair_problem(recording, (0.5, 0.5, 0.5), (0.3, -0.4, 0.2))
-    bank = make_gaussian_sum(problem.belief, problem, 1, hold=hold)
+    gaussians = make_gaussian_sum(problem.belief, problem, 1, hold=hold)
     trace = make_mixture_output(problem.outputs, problem.ranges)
-    known = turn_sigma(bank.mean[0], bank.covariance[0])
+    known = turn_sigma(gaussians.mean[0], gaussians.covariance[0])
     for m in range(problem.ranges.stamp.size):
         fuse_range(
-            bank, problem.space, problem.segments, problem.lever, problem.ranges, m, 0.0, trace
+            gaussians, problem.space, problem.segments, problem.lever, problem.ranges, m, 0.0, trace
         )
-    left = turn_sigma(bank.mean[0], bank.covariance[0])
+    left = turn_sigma(gaussians.mean[0], gaussians.covariance[0])
     assert (left == pytest.approx(known, rel=1e-6)) == hold
     assert hold or left < 0.99 * known
 

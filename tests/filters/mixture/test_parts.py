@@ -78,7 +78,7 @@ def spd(rng, n, scale=0.3):
     return root @ root.T + 1e-3 * np.eye(n)
 
 
-def bank_of(weights, means, covariances, room=60):
+def gaussians_of(weights, means, covariances, room=60):
     """Gaussians over blocks in the world."""
     means, covariances = np.array(means, float), np.array(covariances, float)
     K, N = means.shape
@@ -93,8 +93,8 @@ def bank_of(weights, means, covariances, room=60):
     )  # fmt: skip
 
 
-def moments(bank):
-    w, x, P = gaussian_sum_belief(bank)
+def moments(gaussians):
+    w, x, P = gaussian_sum_belief(gaussians)
     w = np.exp(w)
     mean = w @ x
     d = x - mean
@@ -110,17 +110,17 @@ def test_parts_reach_as_far_as_they_must_and_no_further(width):
 
 def test_the_width_along_a_row_is_that_of_its_functional():
     rng = np.random.default_rng(1)
-    bank = bank_of([1.0], [np.zeros(6)], [spd(rng, 6)])
-    bank.J[0], bank.H[0] = np.arange(6), rng.normal(size=6)
-    h = bank.H[0]
-    P = bank.covariance[0]
-    assert sigma_along_row(bank, 0, 0) == pytest.approx(math.sqrt(h @ P @ h))
-    np.testing.assert_allclose(bank.gain, P @ h)
-    bank.covariance[0] = -np.eye(6)
-    assert sigma_along_row(bank, 0, 0) == 0.0
-    select_state_row(bank.J, bank.H, 0, 4)
-    assert bank.H[0].tolist() == [1.0, 0, 0, 0, 0, 0]
-    assert bank.J[0, 0] == 4
+    gaussians = gaussians_of([1.0], [np.zeros(6)], [spd(rng, 6)])
+    gaussians.J[0], gaussians.H[0] = np.arange(6), rng.normal(size=6)
+    h = gaussians.H[0]
+    P = gaussians.covariance[0]
+    assert sigma_along_row(gaussians, 0, 0) == pytest.approx(math.sqrt(h @ P @ h))
+    np.testing.assert_allclose(gaussians.gain, P @ h)
+    gaussians.covariance[0] = -np.eye(6)
+    assert sigma_along_row(gaussians, 0, 0) == 0.0
+    select_state_row(gaussians.J, gaussians.H, 0, 4)
+    assert gaussians.H[0].tolist() == [1.0, 0, 0, 0, 0, 0]
+    assert gaussians.J[0, 0] == 4
 
 
 def test_a_random_part_keeps_mean_and_covariance_on_average():
@@ -129,16 +129,16 @@ def test_a_random_part_keeps_mean_and_covariance_on_average():
     np.random.seed(3)  # noqa: NPY002  what kernels draw from
     found = []
     for _ in range(4000):
-        bank = bank_of([1.0], [mean], [P], room=1)
-        select_state_row(bank.J, bank.H, 0, 2)
-        assert draw_narrower(bank, 0, 0, 0.4)
-        found.append(bank.mean[0].copy())
-    narrow = bank.covariance[0]
+        gaussians = gaussians_of([1.0], [mean], [P], room=1)
+        select_state_row(gaussians.J, gaussians.H, 0, 2)
+        assert draw_narrower(gaussians, 0, 0, 0.4)
+        found.append(gaussians.mean[0].copy())
+    narrow = gaussians.covariance[0]
     assert narrow[2, 2] == pytest.approx(0.16 * P[2, 2])
     found = np.array(found)
     np.testing.assert_allclose(found.mean(axis=0), mean, atol=0.03)
     np.testing.assert_allclose(np.cov(found.T) + narrow, P, atol=0.02)
-    none = bank_of([1.0], [mean], [np.zeros((3, 3))], room=1)
+    none = gaussians_of([1.0], [mean], [np.zeros((3, 3))], room=1)
     select_state_row(none.J, none.H, 0, 2)
     assert not draw_narrower(none, 0, 0, 0.4)
 
@@ -213,19 +213,19 @@ def test_two_gaussians_merge_with_their_common_moments():
     x = np.array([1.0, 2.0, 3.1])
     other = x + np.array([0.01, -0.01, 0.012])
     wrapped = other - np.array([0, 0, 2.0 * np.pi])
-    bank = bank_of([0.7, 0.3], [x, wrapped], [P, 1.1 * P])
-    plain = bank_of([0.7, 0.3], [x, other], [P, 1.1 * P])
+    gaussians = gaussians_of([0.7, 0.3], [x, wrapped], [P, 1.1 * P])
+    plain = gaussians_of([0.7, 0.3], [x, other], [P, 1.1 * P])
     before = moments(plain)
-    desk = make_merge_workspace(bank)
+    workspace = make_merge_workspace(gaussians)
     for k in range(2):
-        desk.determinant[k] = log_determinant(bank.covariance[k], desk.factor)
-    assert merge_pair(bank, 0, 1, 1, desk)
-    assert bank.log_weight[1] == -math.inf
-    assert bank.log_weight[0] == pytest.approx(0.0)
-    np.testing.assert_allclose(bank.mean[0], before[1], atol=1e-12)
-    np.testing.assert_allclose(bank.covariance[0], before[2], atol=1e-12)
-    whole = log_determinant(before[2], desk.factor)
-    assert desk.determinant[0] == pytest.approx(whole)
+        workspace.determinant[k] = log_determinant(gaussians.covariance[k], workspace.factor)
+    assert merge_pair(gaussians, 0, 1, 1, workspace)
+    assert gaussians.log_weight[1] == -math.inf
+    assert gaussians.log_weight[0] == pytest.approx(0.0)
+    np.testing.assert_allclose(gaussians.mean[0], before[1], atol=1e-12)
+    np.testing.assert_allclose(gaussians.covariance[0], before[2], atol=1e-12)
+    whole = log_determinant(before[2], workspace.factor)
+    assert workspace.determinant[0] == pytest.approx(whole)
 
 
 @pytest.mark.parametrize("step", [0.3, 0.6, 1.0, 1.6])
@@ -233,60 +233,60 @@ def test_what_merging_would_change_decides(step):
     """Two equal spheres of one number's difference `step`, in their sigma, apart."""
     sigma = 0.5
     P = sigma**2 * np.eye(3)
-    bank = bank_of([0.5, 0.5], [np.zeros(3), [step * sigma, 0, 0]], [P, P])
-    desk = make_merge_workspace(bank)
+    gaussians = gaussians_of([0.5, 0.5], [np.zeros(3), [step * sigma, 0, 0]], [P, P])
+    workspace = make_merge_workspace(gaussians)
     for k in range(2):
-        desk.determinant[k] = log_determinant(bank.covariance[k], desk.factor)
+        workspace.determinant[k] = log_determinant(gaussians.covariance[k], workspace.factor)
     cost = 0.5 * math.log1p(0.25 * step**2 * sigma**2 / (sigma**2 + MERGE_VARIANCE_FLOOR))
-    assert merge_pair(bank, 0, 1, 1, desk) == (cost <= MAX_MERGE_DIVERGENCE)
-    apart = bank_of([0.5, 0.5], [np.zeros(3), [0, math.sqrt(2.01 * FAR) * sigma, 0]], [P, P])
-    assert not merge_pair(apart, 0, 1, 1, desk)
+    assert merge_pair(gaussians, 0, 1, 1, workspace) == (cost <= MAX_MERGE_DIVERGENCE)
+    apart = gaussians_of([0.5, 0.5], [np.zeros(3), [0, math.sqrt(2.01 * FAR) * sigma, 0]], [P, P])
+    assert not merge_pair(apart, 0, 1, 1, workspace)
 
 
 def test_shares_and_common_moments_of_two():
     rng = np.random.default_rng(7)
-    bank = bank_of([0.2, 0.6], np.zeros((2, 3)), [np.eye(3)] * 2)
-    assert share_of(bank, 0, 1) == pytest.approx(0.25)
+    gaussians = gaussians_of([0.2, 0.6], np.zeros((2, 3)), [np.eye(3)] * 2)
+    assert share_of(gaussians, 0, 1) == pytest.approx(0.25)
     P, Q, d, M = spd(rng, 3), spd(rng, 3), rng.normal(size=3), np.empty((3, 3))
     combined(P, Q, d, 0.25, M)
     np.testing.assert_allclose(M, 0.25 * P + 0.75 * Q + 0.1875 * np.outer(d, d))
 
 
 def test_the_light_go_and_the_others_keep_their_order():
-    bank = bank_of(
+    gaussians = gaussians_of(
         [0.5, 0.5 * MIN_WEIGHT, 0.3, 2.0 * MIN_WEIGHT],
         np.arange(12.0).reshape(4, 3),
         [np.eye(3)] * 4,
     )
-    prune_light(bank, MIN_WEIGHT)
-    assert bank.alive[0] == 3
-    assert bank.mean[:3, 0].tolist() == [0.0, 6.0, 9.0]
-    assert np.exp(bank.log_weight[:3]).sum() == pytest.approx(1.0)
-    assert np.exp(bank.log_weight[0]) == pytest.approx(0.5 / 0.8, rel=1e-5)
-    nan = bank_of([0.5, 0.5], np.zeros((2, 3)), [np.eye(3)] * 2)
+    prune_light(gaussians, MIN_WEIGHT)
+    assert gaussians.alive[0] == 3
+    assert gaussians.mean[:3, 0].tolist() == [0.0, 6.0, 9.0]
+    assert np.exp(gaussians.log_weight[:3]).sum() == pytest.approx(1.0)
+    assert np.exp(gaussians.log_weight[0]) == pytest.approx(0.5 / 0.8, rel=1e-5)
+    nan = gaussians_of([0.5, 0.5], np.zeros((2, 3)), [np.eye(3)] * 2)
     nan.log_weight[:2] = np.nan
     prune_light(nan, MIN_WEIGHT)
     assert (nan.alive[0], nan.log_weight[0]) == (1, 0.0)
-    copy_gaussian(bank, 0, 2)
-    assert bank.mean[0].tolist() == bank.mean[2].tolist()
-    assert bank.log_weight[0] == bank.log_weight[2]
+    copy_gaussian(gaussians, 0, 2)
+    assert gaussians.mean[0].tolist() == gaussians.mean[2].tolist()
+    assert gaussians.log_weight[0] == gaussians.log_weight[2]
 
 
 def test_surplus_merges_into_what_is_nearest_or_is_lost():
     P = 0.01 * np.eye(3)
     means = [[0, 0, 0], [0.1, 0, 0], [0.25, 0, 0], [9, 9, 0]]
-    bank = bank_of([0.5, 0.3, 0.15, 0.05], means, [P] * 4)
-    desk = make_merge_workspace(bank)
-    assert lightest(bank.log_weight, 4) == 3
-    assert lightest(bank.log_weight, 3) == 2
-    assert nearest(bank, 2, 1, desk) == 1
-    assert nearest(bank, 3, 1, desk) == -1
-    lost = absorb(bank, 2, 1, desk)
+    gaussians = gaussians_of([0.5, 0.3, 0.15, 0.05], means, [P] * 4)
+    workspace = make_merge_workspace(gaussians)
+    assert lightest(gaussians.log_weight, 4) == 3
+    assert lightest(gaussians.log_weight, 3) == 2
+    assert nearest(gaussians, 2, 1, workspace) == 1
+    assert nearest(gaussians, 3, 1, workspace) == -1
+    lost = absorb(gaussians, 2, 1, workspace)
     assert lost == pytest.approx(0.05)
-    assert bank.log_weight[3] == bank.log_weight[2] == -math.inf
-    assert np.exp(bank.log_weight[1]) == pytest.approx(0.45)
-    assert bank.mean[1, 0] == pytest.approx((0.3 * 0.1 + 0.15 * 0.25) / 0.45)
-    assert bank.covariance[1, 0, 0] == pytest.approx(0.01 + (2.0 / 9.0) * 0.15**2)
+    assert gaussians.log_weight[3] == gaussians.log_weight[2] == -math.inf
+    assert np.exp(gaussians.log_weight[1]) == pytest.approx(0.45)
+    assert gaussians.mean[1, 0] == pytest.approx((0.3 * 0.1 + 0.15 * 0.25) / 0.45)
+    assert gaussians.covariance[1, 0, 0] == pytest.approx(0.01 + (2.0 / 9.0) * 0.15**2)
 
 
 def test_the_gradient_across_the_line_of_sight_by_differences():
@@ -343,50 +343,50 @@ def test_a_scalar_update_is_the_textbook_one():
     np.testing.assert_allclose(P, covariance, atol=1e-12)
 
 
-def fused(bank, ranges, gate=16.0, lever=None):
+def fused(gaussians, ranges, gate=16.0, lever=None):
     none = np.empty(0, np.int64)
     trace = make_mixture_output(Outputs(none, none), ranges)
     lever = np.zeros((1, 2)) if lever is None else lever
-    fuse_range(bank, world_state_space(1), no_segments(), lever, ranges, 0, gate, trace)
+    fuse_range(gaussians, world_state_space(1), no_segments(), lever, ranges, 0, gate, trace)
     return trace
 
 
 def test_a_range_weighs_hypotheses_by_their_evidence():
     P = 1e-4 * np.eye(3)
-    bank = bank_of([0.5, 0.5], [[3, 4, 0], [3.3, 4.4, 0]], [P, P])
+    gaussians = gaussians_of([0.5, 0.5], [[3, 4, 0], [3.3, 4.4, 0]], [P, P])
     ranges = table([(1, 0, -1, 0, 0, 5.1)])
-    trace = fused(bank, ranges)
+    trace = fused(gaussians, ranges)
     bend = 1e-4 / (2.0 * np.array([5.0, 5.5]))
     r = np.array([0.1, -0.4]) - bend
     S = 1e-4 + 2.0 * bend**2 + 0.01
     share = np.exp(-0.5 * r**2 / S) / np.sqrt(S)
     share /= share.sum()
-    np.testing.assert_allclose(np.exp(bank.log_weight[:2]), share, rtol=1e-9)
+    np.testing.assert_allclose(np.exp(gaussians.log_weight[:2]), share, rtol=1e-9)
     assert trace.residual[0] == pytest.approx(r.mean())
     variance = np.mean(S + r**2) - r.mean() ** 2
     assert trace.variance[0] == pytest.approx(variance)
     assert trace.verdict[0] == RANGE_USED
     gain = 1e-4 / S[0] * np.array([0.6, 0.8]) * r[0]
-    np.testing.assert_allclose(bank.mean[0, :2], [3 + gain[0], 4 + gain[1]], atol=1e-9)
+    np.testing.assert_allclose(gaussians.mean[0, :2], [3 + gain[0], 4 + gain[1]], atol=1e-9)
 
 
 def test_an_outlier_counts_as_one_on_the_gate_and_corrects_nothing():
     P = 1e-4 * np.eye(3)
-    bank = bank_of([0.9, 0.1], [[3, 4, 0], [3.3, 4.4, 0]], [P, P])
-    trace = fused(bank, table([(1, 0, -1, 0, 0, 9.0)]))
-    np.testing.assert_allclose(np.exp(bank.log_weight[:2]), [0.9, 0.1], rtol=1e-4)
-    assert bank.mean[0].tolist() == [3.0, 4.0, 0.0]
+    gaussians = gaussians_of([0.9, 0.1], [[3, 4, 0], [3.3, 4.4, 0]], [P, P])
+    trace = fused(gaussians, table([(1, 0, -1, 0, 0, 9.0)]))
+    np.testing.assert_allclose(np.exp(gaussians.log_weight[:2]), [0.9, 0.1], rtol=1e-4)
+    assert gaussians.mean[0].tolist() == [3.0, 4.0, 0.0]
     assert trace.verdict[0] == RANGE_REJECTED
-    open_gate = bank_of([0.9, 0.1], [[3, 4, 0], [3.3, 4.4, 0]], [P, P])
+    open_gate = gaussians_of([0.9, 0.1], [[3, 4, 0], [3.3, 4.4, 0]], [P, P])
     assert fused(open_gate, table([(1, 0, -1, 0, 0, 9.0)]), gate=0.0).verdict[0] == RANGE_USED
     assert open_gate.mean[0, 0] > 3.0
 
 
 def test_a_covariance_that_is_none_any_more_loses_its_weight():
-    bank = bank_of([0.9, 0.1], [[3, 4, 0], [3, 4, 0]], [-np.eye(3), 1e-4 * np.eye(3)])
-    fused(bank, table([(1, 0, -1, 0, 0, 5.0)]))
-    assert bank.log_weight[0] < -0.9 * INVALID_LOG_PENALTY
-    assert bank.log_weight[1] == pytest.approx(0.0)
+    gaussians = gaussians_of([0.9, 0.1], [[3, 4, 0], [3, 4, 0]], [-np.eye(3), 1e-4 * np.eye(3)])
+    fused(gaussians, table([(1, 0, -1, 0, 0, 5.0)]))
+    assert gaussians.log_weight[0] < -0.9 * INVALID_LOG_PENALTY
+    assert gaussians.log_weight[1] == pytest.approx(0.0)
 
 
 def test_weights_sum_to_one_however_small():
@@ -397,9 +397,9 @@ def test_weights_sum_to_one_however_small():
 
 
 def excess(P, z=5.0, sigma=0.1, place=(3.0, 4.0)):
-    bank = bank_of([1.0], [[*place, 0.0]], [P])
+    gaussians = gaussians_of([1.0], [[*place, 0.0]], [P])
     ranges = table([(1, 0, -1, 0, 0, z)], sigma)
-    return find_excess_width(bank, 0, np.zeros((1, 2)), ranges, 0, sigma)
+    return find_excess_width(gaussians, 0, np.zeros((1, 2)), ranges, 0, sigma)
 
 
 def test_what_is_too_wide_for_a_range_and_by_how_much():
@@ -423,22 +423,22 @@ def test_what_is_too_wide_for_a_range_and_by_how_much():
 
 def test_gaussians_are_split_until_ranges_are_straight_over_them():
     P = np.diag([0.5, 0.01, 0.001])
-    bank = bank_of([1.0], [[0.0, 5.0, 0.0]], [P], room=200)
-    before = moments(bank)
+    gaussians = gaussians_of([1.0], [[0.0, 5.0, 0.0]], [P], room=200)
+    before = moments(gaussians)
     ranges = table([(1, 0, -1, 0, 0, 5.0)])
     space = world_state_space(1)
-    narrow_for_range(bank, space, np.zeros((1, 2)), ranges, 0, False)
-    n = int(bank.alive[0])
+    narrow_for_range(gaussians, space, np.zeros((1, 2)), ranges, 0, False)
+    n = int(gaussians.alive[0])
     assert n > 3
     limit = math.sqrt(2.0 * MAX_RANGE_CURVATURE * 0.1 * 5.0)
     for k in range(n):
-        row, _ = find_excess_width(bank, k, np.zeros((1, 2)), ranges, 0, 0.1)
+        row, _ = find_excess_width(gaussians, k, np.zeros((1, 2)), ranges, 0, 0.1)
         assert row == -1
-    assert np.sqrt(bank.covariance[0, 0, 0]) <= limit + 1e-9
-    after = moments(bank)
+    assert np.sqrt(gaussians.covariance[0, 0, 0]) <= limit + 1e-9
+    after = moments(gaussians)
     for a, b in zip(before, after, strict=True):
         np.testing.assert_allclose(a, b, atol=1e-9)
-    full = bank_of([1.0], [[0.0, 5.0, 0.0]], [P], room=1)
+    full = gaussians_of([1.0], [[0.0, 5.0, 0.0]], [P], room=1)
     narrow_for_range(full, space, np.zeros((1, 2)), ranges, 0, False)
     np.testing.assert_array_equal(full.covariance[0], P)
     np.random.seed(1)  # noqa: NPY002
@@ -451,10 +451,10 @@ def test_a_width_that_is_asked_for_is_neither_tiny_nor_nearly_the_whole():
     P = np.diag([1.0, 1.0, 1.0])
     for asked, made in ((0.01, MIN_SPLIT_WIDTH), (0.99, MAX_SPLIT_WIDTH), (0.5, 0.5)):
         np.random.seed(1)  # noqa: NPY002
-        bank = bank_of([1.0], [np.zeros(3)], [P], room=1)
-        select_state_row(bank.J, bank.H, 0, 0)
-        assert split_or_draw(bank, 0, 0, asked, True)
-        assert bank.covariance[0, 0, 0] == pytest.approx(made**2)
+        gaussians = gaussians_of([1.0], [np.zeros(3)], [P], room=1)
+        select_state_row(gaussians.J, gaussians.H, 0, 0)
+        assert split_or_draw(gaussians, 0, 0, asked, True)
+        assert gaussians.covariance[0, 0, 0] == pytest.approx(made**2)
 
 
 @pytest.mark.parametrize("travel", [0.0, 5.0, -50.0])
@@ -463,12 +463,14 @@ def test_headings_are_narrowed_where_the_way_driven_would_bend(travel):
     bends = 2.0 * MAX_PATH_CURVATURE * noise / max(abs(travel), 1e-9)
     limit = max(MAX_HEADING_SIGMA**2, bends)
     for factor in (1.05, 1.2):
-        bank = bank_of([1.0], [np.zeros(3)], [np.diag([0.1, 0.1, min(factor * limit, 1e6)])])
-        bank.travel[0] = travel
-        narrow_headings(bank, world_state_space(1), 0, noise, False)
+        gaussians = gaussians_of(
+            [1.0], [np.zeros(3)], [np.diag([0.1, 0.1, min(factor * limit, 1e6)])]
+        )
+        gaussians.travel[0] = travel
+        narrow_headings(gaussians, world_state_space(1), 0, noise, False)
         split = factor > 1.1 and limit < 1.0
-        assert (bank.alive[0] > 1) == split
-        assert bank.travel[0] == (0.0 if split else travel)
+        assert (gaussians.alive[0] > 1) == split
+        assert gaussians.travel[0] == (0.0 if split else travel)
 
 
 def test_a_driver_moves_all_gaussians_and_its_way_adds_up():
@@ -478,16 +480,16 @@ def test_a_driver_moves_all_gaussians_and_its_way_adds_up():
         np.array([0.04, 0.04]), np.array([0.01, 0.01]),
     )  # fmt: skip
     P = 1e-4 * np.eye(3)
-    bank = bank_of([0.5, 0.5], [[0, 0, 0], [0, 0, np.pi / 2]], [P, P])
-    propagate_sum_driver(bank, 0, SECOND // 2, segments, world_state_space(1))
-    np.testing.assert_allclose(bank.mean[0], [0.5, 0, 0], atol=1e-12)
-    np.testing.assert_allclose(bank.mean[1, :2], [0, 0.5], atol=1e-12)
-    assert (bank.cursor[0], bank.time[0]) == (0, SECOND // 2)
-    assert bank.travel[0] == pytest.approx(0.5)
+    gaussians = gaussians_of([0.5, 0.5], [[0, 0, 0], [0, 0, np.pi / 2]], [P, P])
+    propagate_sum_driver(gaussians, 0, SECOND // 2, segments, world_state_space(1))
+    np.testing.assert_allclose(gaussians.mean[0], [0.5, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(gaussians.mean[1, :2], [0, 0.5], atol=1e-12)
+    assert (gaussians.cursor[0], gaussians.time[0]) == (0, SECOND // 2)
+    assert gaussians.travel[0] == pytest.approx(0.5)
     # Variance 0.04 m^2 / s^2 over an interval of 1 s: 0.02 m^2 in half a second.
-    assert bank.covariance[0, 0, 0] == pytest.approx(1e-4 + 0.02)
-    propagate_sum_driver(bank, 0, 5 * SECOND, segments, world_state_space(1))
-    np.testing.assert_allclose(bank.mean[0], [0.5, 0, 0], atol=1e-12)
-    assert (bank.cursor[0], bank.time[0]) == (2, 5 * SECOND)
-    assert bank.travel[0] == pytest.approx(0.5)
-    assert bank.covariance[0, 2, 2] == pytest.approx(1e-4 + 0.02)
+    assert gaussians.covariance[0, 0, 0] == pytest.approx(1e-4 + 0.02)
+    propagate_sum_driver(gaussians, 0, 5 * SECOND, segments, world_state_space(1))
+    np.testing.assert_allclose(gaussians.mean[0], [0.5, 0, 0], atol=1e-12)
+    assert (gaussians.cursor[0], gaussians.time[0]) == (2, 5 * SECOND)
+    assert gaussians.travel[0] == pytest.approx(0.5)
+    assert gaussians.covariance[0, 2, 2] == pytest.approx(1e-4 + 0.02)
