@@ -40,7 +40,8 @@ def processor_time() -> float:
 
 def clt(*words: object) -> None:
     """Run a command; exit code 3 is a result, too."""
-    code = subprocess.run([*CLT, *map(str, words), "-q"], stdout=subprocess.DEVNULL).returncode
+    done = subprocess.run([*CLT, *map(str, words), "-q"], check=False, stdout=subprocess.DEVNULL)
+    code = done.returncode
     if code not in {0, 3}:
         raise SystemExit(f"clt {words}: exit code {code}")
 
