@@ -10,6 +10,10 @@ import subprocess
 import sys
 import time
 
+from typer.testing import CliRunner
+
+from clt.cli.app import app
+
 PATIENCE = 180.0
 
 
@@ -75,3 +79,11 @@ def ended(process, code=0):
     out, error = process.communicate(timeout=PATIENCE)
     assert process.returncode == code, (process.returncode, out, error)
     return out.decode(), error.decode()
+
+
+def simulated(path, scenario, seconds, *settings):
+    """A simulated log at this path."""
+    words = [word for one in settings for word in ("--set", one)]
+    command = ["simulate", scenario, "--duration", str(seconds), "--seed", "3", *words]
+    done = CliRunner().invoke(app, [*command, "-o", str(path)])
+    assert done.exit_code == 0, done.output

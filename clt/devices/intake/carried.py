@@ -95,8 +95,9 @@ def take_over_losses(records: Sequence[Mapping[str, str]], tallies: Mapping[str,
     before, after = read_losses(records[0]), read_losses(records[-1])
     for name, tally in tallies.items():
         (lost, again), (end_lost, end_again) = before.get(name, (0, 0)), after.get(name, (0, 0))
-        tally.lost += max(end_lost - lost, 0)
-        tally.reconnects += max(end_again - again, 0)
+        tally.earlier = {"lost": max(end_lost - lost, 0), "reconnects": max(end_again - again, 0)}
+        tally.lost += tally.earlier["lost"]
+        tally.reconnects += tally.earlier["reconnects"]
 
 
 def join_team(team: GrowingTeam, record: Mapping[str, str]) -> None:

@@ -57,4 +57,6 @@ def summary_diagnostics(tallies: Mapping[str, Tally]) -> Iterator[Diagnostic]:
         if any(count > 0 for count in damage.values()):
             first = tally.first_bad_line
             line = {} if first is None else {"line": first[0], "text": first[1]}
-            yield Diagnostic("source_damaged", name, "partial", damage | line)
+            now = any(count > tally.earlier.get(key, 0) for key, count in damage.items())
+            grade: Severity = "partial" if now else "information"
+            yield Diagnostic("source_damaged", name, grade, damage | line)

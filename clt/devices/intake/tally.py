@@ -31,6 +31,8 @@ class Tally:
     undecoded_bytes: int = 0
     """Kept raw only, because decoding did not keep up."""
     reconnects: int = 0
+    earlier: dict[str, int] = field(default_factory=dict)
+    """Of these counts, what happened when the bytes were recorded that are now decoded again."""
     restarts: int = 0
     """Times that a device began again."""
     first_stamp_ns: int | None = None

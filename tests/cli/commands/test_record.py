@@ -386,6 +386,7 @@ def test_unplugged_and_plugged_in_again(tmp_path):
     process = run(tmp_path, "--from", "o.mcap", "-o", "again.mcap", "--json", code=0)
     for key in ("frames", "samples", "skipped_bytes", "first_stamp_ns", "last_stamp_ns"):
         assert figures(process.stdout)["net"][key] == found[key]
+    assert figures(process.stdout)["net"]["reconnects"] == 1
 
 
 def free_port(kind=socket.SOCK_STREAM):
