@@ -66,7 +66,6 @@ COMMANDS = {
     "plot": CommandEntry(
         "clt.cli.commands.plot:plot",
         "Draw trajectories, errors with their 3-sigma bounds, and range innovations.",
-        many=".png",
     ),
     "export": CommandEntry(
         "clt.cli.commands.export:export",

@@ -99,14 +99,14 @@ def test_init_prints_each_log_or_writes_each_file(clt, tmp_path):
 
 
 def test_results_that_exist_are_kept_unless_forced(clt, tmp_path):
-    words = ("plot", "a/run.mcap", "b/run.mcap", "-q", "-o", tmp_path)
-    (tmp_path / "a_run.png").write_bytes(b"mine")
+    words = ("init", "a/run.mcap", "b/run.mcap", "-q", "--method", "truth", "-o", tmp_path)
+    (tmp_path / "a_run.toml").write_bytes(b"mine")
     code, _, err = clt(*words)
     assert code == 3
     assert "--force" in err
-    assert (tmp_path / "a_run.png").read_bytes() == b"mine"
+    assert (tmp_path / "a_run.toml").read_bytes() == b"mine"
     assert clt(*words, "--force")[0] == 0
-    assert (tmp_path / "a_run.png").read_bytes().startswith(b"\x89PNG")
+    assert b"[R3]" in (tmp_path / "a_run.toml").read_bytes()
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,7 @@ VALUES = {
     "left_out": {"counts": {"no_id": 3, "too_old": 1}},
     "not_reported": {"counts": {"truth": 5}},
     "nothing_decoded": {"bytes": 2000, "proto": "rcl"},
-    "unknown_ids": {"counts": {"7": 12}},
+    "unknown_ids": {"counts": {"7": 12}, "more": 0, "mapped": True},
     "robots_named": {"names": {"0": "n0"}},
     "source_damaged": {
         "lost": 3, "bad_frames": 0, "damaged_bytes": 0, "undecoded_bytes": 0, "reconnects": 1,

@@ -15,7 +15,7 @@ from clt.sim.scenario import Scenario
 PURE = (
     "share", "probability", "pure number", "how many", "seed", "random", "hypotheses", "points",
     "gaussians", "of the consensus", "of all", "per square root", "measured over true", "relative",
-    "rate errors", "each pair has a rate",
+    "rate errors", "each pair has a rate", "of the time that",
 )  # fmt: skip
 """Words of a number that has no unit."""
 

@@ -71,7 +71,7 @@ def compare(
 
     Examples:
       clt compare log.mcap --filters eskf,ukf --init truth
-      clt compare log.mcap --runs "a=--init truth" --runs "b=--set gate=5" -o table.csv
+      clt compare log.mcap --runs "a=--init truth" --runs "b=--set gate=5"
     """
     from clt.cli.console import Console
     from clt.cli.inputs import Inputs

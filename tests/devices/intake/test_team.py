@@ -21,7 +21,7 @@ def test_who_has_odometry_moves_unless_the_file_says_otherwise():
     team = GrowingTeam(Team((Robot("A", 1, static=True),)))
     team.robot("B10", "10")
     team.robot("B2", "2")
-    team.changed = False
+    team.written()
     team.moves("A")
     assert not team.changed
     team.moves("B2")
