@@ -107,7 +107,7 @@ def localize(
     """
     from clt.estimation.estimators import Estimator  # noqa: PLC0415 - numba is slow to import
     from clt.estimation.pipeline import estimate  # noqa: PLC0415
-    from clt.model.problem import require_frame_robots  # noqa: PLC0415
+    from clt.model.state_layout import require_frame_robots  # noqa: PLC0415
     from clt.observability.advice import advise  # noqa: PLC0415
 
     chosen = check_estimator(filter, frame, engine)

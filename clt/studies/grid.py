@@ -167,10 +167,10 @@ def _kind(key: str, source: str) -> str:
     if key == "seed":
         raise UsageError(f"{source}: grid: seeds stand in `seeds`, before the grid")
     scenario, settings = known_keys(Scenario), known_keys(FilterSettings)
+    if key in settings:  # stronger than a whole table of the scenario of that name
+        return "filter"
     if key in scenario:
         return "scenario"
-    if key in settings:
-        return "filter"
     hint = did_you_mean(key, [*scenario, *settings, *RUN_KEYS])
     raise UsageError(f"{source}: grid: unknown key `{key}`{hint}")
 

@@ -170,7 +170,7 @@ def make_gaussian_member(
         CAPACITY_FACTOR * settings.dpf.particles,
         hold=use_first_estimates(problem, settings),
     )
-    return GaussianMember(problem, rounds, settings.gate, bank, make_merge_workspace(bank))
+    return GaussianMember(problem, rounds, settings.nis_gate, bank, make_merge_workspace(bank))
 
 
 @compiled_noalloc
