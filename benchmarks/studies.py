@@ -40,8 +40,9 @@ def processor_time() -> float:
 
 def clt(*words: object) -> None:
     """Run a command; exit code 3 is a result, too."""
-    done = subprocess.run([*CLT, *map(str, words), "-q"], check=False, stdout=subprocess.DEVNULL)
-    code = done.returncode
+    code = subprocess.run(
+        [*CLT, *map(str, words), "-q"], stdout=subprocess.DEVNULL, check=False
+    ).returncode
     if code not in {0, 3}:
         raise SystemExit(f"clt {words}: exit code {code}")
 
@@ -156,9 +157,7 @@ def main() -> None:
             f"| tables of {given.rows} rows | {summary_seconds(folder, given.rows):.2f} s |"
         )
         early, late = memory_growth(folder, max(given.runs // 4, 20))
-        lines.append(
-            f"| memory of the parent, after a tenth and all | {early:.0f}, {late:.0f} MB |"
-        )
+        lines.append(f"| parent after a tenth and all | {early:.0f}, {late:.0f} MB |")
     text = "\n".join(lines) + "\n"
     print(text)
     if given.out is not None:

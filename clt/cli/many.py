@@ -212,7 +212,7 @@ def distinct_names(places: Sequence[Path]) -> list[str]:
     names = list(stems)
     depth = 1
     while len({name.casefold() for name in names}) < len(names):
-        if depth > 1 + max(len(parts) for parts in folders):
+        if depth > max(len(parts) for parts in folders):
             return [f"{k + 1}_{stem}" for k, stem in enumerate(stems)]
         folded = [name.casefold() for name in names]
         for k, parts in enumerate(folders):

@@ -91,7 +91,8 @@ def read_study(source: Path, environment: Mapping[str, Mapping[str, Any]]) -> St
     folder = source.parent
     sweep = parse_settings(Sweep, read_toml(source), str(source))
     grid = _flat_grid(sweep.grid, str(source))
-    of_scenario = [key for key in grid if _kind(key, str(source)) == "scenario"]
+    kinds = {key: _kind(key, str(source), simulated=sweep.scenario is not None) for key in grid}
+    of_scenario = [key for key, kind in kinds.items() if kind == "scenario"]
     if sweep.scenario is None and len(of_scenario) > 0:
         raise UsageError(f"{source}: grid: {of_scenario[0]} is of scenarios, not of logs")
     runs = {
@@ -129,7 +130,8 @@ def read_study(source: Path, environment: Mapping[str, Mapping[str, Any]]) -> St
         if document is not None:
             text = _scenario(document, {**overrides, **varied}, source)
         served.setdefault(text, []).append(index)
-        plans.append(tuple(make_plan(index, n, t, chosen, folder) for n, t in runs.items()))
+        own = {key: value for key, value in chosen.items() if kinds[key] != "scenario"}
+        plans.append(tuple(make_plan(index, n, t, own, folder) for n, t in runs.items()))
     made = None
     if isinstance(document, Document):
         made = effective_toml(load_scenario(document))
@@ -160,14 +162,17 @@ def _flat_grid(tree: Mapping[str, Any], source: str, prefix: str = "") -> dict[s
     return flat
 
 
-def _kind(key: str, source: str) -> str:
-    """Whether a key of the grid belongs to scenario, filter or run. Raises UsageError."""
+def _kind(key: str, source: str, *, simulated: bool) -> str:
+    """Whether a key of the grid belongs to scenario, filter or run. Raises UsageError.
+
+    A key that a scenario and a filter have is the scenario's where recordings are simulated.
+    """
     if key in RUN_KEYS:
         return "run"
     if key == "seed":
         raise UsageError(f"{source}: grid: seeds stand in `seeds`, before the grid")
     scenario, settings = known_keys(Scenario), known_keys(FilterSettings)
-    if key in scenario:
+    if key in scenario and (simulated or key not in settings):
         return "scenario"
     if key in settings:
         return "filter"
@@ -190,8 +195,7 @@ def make_plan(
 ) -> RunPlan:
     """One run with the values of the grid, checked. Raises UsageError."""
     varied = {key: value for key, value in chosen.items() if key in RUN_KEYS}
-    settings = known_keys(FilterSettings)
-    values = {key: value for key, value in chosen.items() if key in settings}
+    values = {key: value for key, value in chosen.items() if key not in RUN_KEYS}
     table = parse_settings(RunTable, table.model_dump() | varied, f"runs.{name}")
     check_estimator(table.filter, table.frame, table.engine)
     init: str | dict[str, Any] = table.init

@@ -140,7 +140,7 @@ def test_a_wrong_option_is_wrong_usage_for_all(clt, tmp_path):
         (("/1/x/a.mcap", "/2/x/a.mcap"), ["1_x_a", "2_x_a"]),
         (("/x/A.mcap", "/x/a.mcap"), ["1_A", "2_a"]),
         (("/x/a.mcap", "/x/a.db3"), ["1_a", "2_a"]),
-        (("/x/a.mcap", "/y/a.mcap", "/z/x_a.mcap"), ["x_a", "y_a", "z_x_a"]),
+        (("/x/a.mcap", "/y/a.mcap", "/z/x_a.mcap"), ["1_a", "2_a", "3_x_a"]),
     ],
 )
 def test_names_of_results_never_collide(paths, names):

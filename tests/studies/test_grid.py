@@ -66,6 +66,14 @@ def test_the_grid_is_stronger_than_a_run_and_a_run_than_the_environment(study):
     assert scenario["duration"] == 9.0
 
 
+def test_a_key_that_scenario_and_filter_have_is_the_scenarios(study):
+    text = '[grid]\n"outliers.share" = [0.25]\n'
+    simulated = study('scenario = "shi-sim"\n' + text)
+    assert json.loads(next(simulated.tasks()).scenario)["outliers"]["share"] == 0.25
+    assert simulated.plans[0][0].settings == {}
+    assert study('logs = ["sweep.toml"]\n' + text).plans[0][0].settings == {"outliers.share": 0.25}
+
+
 def test_equal_work_has_equal_digests_wherever_results_are_kept(study, tmp_path):
     found = study(BOTH)
     digests = [task.digest for task in found.tasks()]
@@ -115,7 +123,7 @@ def test_a_scenario_file_is_kept_complete(study, tmp_path):
         ('scenario = "shi-sim"\n[runs.a]\ninit = "none.toml"', "none.toml"),
         ('scenario = "shi-sim"\n[runs."a b"]\ninit = "truth"', "runs"),
         ('logs = ["none*.mcap"]', "nothing matches"),
-        ('logs = ["sweep.toml"]\n[grid]\n"outliers.share" = [0.1]', "of scenarios, not of logs"),
+        ('logs = ["sweep.toml"]\n[grid]\n"network.loss" = [0.1]', "of scenarios, not of logs"),
     ],
 )
 def test_what_is_wrong_is_named_with_the_file(study, text, message):
