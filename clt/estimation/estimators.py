@@ -60,6 +60,8 @@ FILTERS_WITHOUT_SEARCH: dict[str, Filter] = {
     "ukf": later("kalman.ukf", "solve_ukf_without_search"),
 }
 """Filters of one Gaussian, without their search for lost robots."""
+LASTING_RANGE_ERROR_FILTERS = frozenset({"eskf", "ekf"})
+"""Filters that estimate errors of ranges that last, and weigh outliers instead of a gate."""
 MULTI_HYPOTHESIS_FILTERS = frozenset({"mixture", "pf", "dpf"})
 """Filters that follow every hypothesis of a start, and find which of them was true."""
 
@@ -78,6 +80,11 @@ class Estimator:
         """The filter itself."""
         return (FILTERPY_FILTERS if self.engine == "filterpy" else FILTERS)[self.filter]
 
+    @property
+    def lasting_range_errors(self) -> bool:
+        """Whether it estimates errors of ranges that last, and weighs outliers."""
+        return self.engine == "compiled" and self.filter in LASTING_RANGE_ERROR_FILTERS
+
 
 DEFAULT_ESTIMATOR = Estimator()
 """Absolute poses by the error-state Kalman filter."""
@@ -90,7 +97,10 @@ def localize_recording(
     estimator: Estimator = DEFAULT_ESTIMATOR,
 ) -> Posterior:
     """Filter a log. Raises CltError where nothing can be estimated."""
-    problem = build_problem(recording, start, settings, estimator.view)
+    problem = build_problem(
+        recording, start, settings, estimator.view,
+        lasting_range_errors=estimator.lasting_range_errors,
+    )  # fmt: skip
     solution = estimator.run(problem, settings)
     posterior = make_posterior(recording, problem, solution, settings, estimator.filter)
     return add_diagnostics(posterior, overconfident(problem, solution, settings, estimator))

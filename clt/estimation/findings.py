@@ -8,7 +8,7 @@ from clt.core.arrays import Floats, Stamps
 from clt.core.diagnostics import Diagnostic, Severity
 from clt.core.recording import Recording
 from clt.estimation.finite import finite_rows
-from clt.filters.kalman import eskf
+from clt.filters.kalman import eskf_state
 from clt.model.belief import Belief, is_valid_covariance, state_mean_and_sigma
 from clt.model.problem import Problem
 from clt.model.settings import FilterSettings
@@ -32,7 +32,9 @@ def diverged_robots(problem: Problem, solution: Solution) -> tuple[str, ...]:
         own = problem.outputs.robot == i
         touched = (problem.ranges.a == i) | (problem.ranges.b == i)
         rejected = (
-            float(np.mean(solution.verdict[touched] != eskf.RANGE_USED)) if touched.any() else 0.0
+            float(np.mean(solution.verdict[touched] != eskf_state.RANGE_USED))
+            if touched.any()
+            else 0.0
         )
         covariance = solution.covariance[own]
         numbers = is_valid_covariance(covariance) and bool(

@@ -32,7 +32,7 @@ from clt.estimation.perturbed import (
     rerun_filter,
 )
 from clt.estimation.restart import restart_problem
-from clt.filters.kalman import eskf
+from clt.filters.kalman import eskf_state
 from clt.metrics.quantiles import chi_square_quantile, normal_quantile
 from clt.metrics.residuals import (
     PairResiduals,
@@ -53,8 +53,9 @@ their standard deviation and variance."""
 HINT_SHARE, BODY_FRAME_HINT_SHARE = 0.25, 0.7
 """A cause is looked for from this share of what does harm; in body frames, where linearization
 shifts residuals a little, from the second."""
-MAX_PAIR_REJECTED_SHARE, MIN_PAIR_REJECTED = 0.25, 8
-"""Share of a pair's ranges, and number of them, whose rejection says that something is wrong."""
+MAX_PAIR_REJECTED_SHARE, MAX_PAIR_BLOCKED_SHARE, MIN_PAIR_REJECTED = 0.25, 0.4, 8
+"""Share of a pair's ranges whose rejection says that something is wrong, by a gate and by a model
+of outliers that last, which rejects more of them; and how many these are at least."""
 MIN_WHITE_SHARE = 0.7
 """Ranges of a pair that are worth less than this each are correlated, as the settings know."""
 MIN_HARMFUL_DELAY_S, MIN_DELAY_SIGMAS = 0.05, 5.0
@@ -120,7 +121,7 @@ def find_misfit(
 
     `source` holds who measured each row of the recording's ranges, `names` the team's robots.
     """
-    table, used = problem.ranges, solution.verdict == eskf.RANGE_USED
+    table, used = problem.ranges, solution.verdict == eskf_state.RANGE_USED
     finite = np.isfinite(solution.residual) & np.isfinite(solution.variance)
     if not np.any(finite & (solution.variance > 0.0)):
         return None
@@ -129,7 +130,9 @@ def find_misfit(
     figures = pair_residuals(key, solution.residual, sigma, used)
     worth = independent_share(problem, key, figures)
     nis, chance = mean_nis_and_limit(problem, solution)
-    wrong = misfit_pairs(figures, worth)
+    blocked = problem.errors.outliers.active != 0
+    limit = MAX_PAIR_BLOCKED_SHARE if blocked else MAX_PAIR_REJECTED_SHARE
+    wrong = misfit_pairs(figures, worth, limit)
     frozen = frozen_pairs(table, key, solution.residual, sigma)
     begun = restart_problem(problem, solution)
     vague = begun is not problem and solution.share is None
@@ -182,7 +185,7 @@ def robots_of_pair(
 
 def mean_nis_and_limit(problem: Problem, solution: Solution) -> tuple[float, float]:
     """Mean MAX_MEAN_NIS of the accepted ranges, NaN without any, and the largest by chance."""
-    table, used = problem.ranges, solution.verdict == eskf.RANGE_USED
+    table, used = problem.ranges, solution.verdict == eskf_state.RANGE_USED
     if not used.any():
         return float("nan"), float("nan")
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -192,15 +195,21 @@ def mean_nis_and_limit(problem: Problem, solution: Solution) -> tuple[float, flo
 
 
 def independent_share(problem: Problem, key: Indices, figures: PairResiduals) -> Floats:
-    """How many independent ranges each one of a pair is worth, (P,): less than 1 if correlated."""
+    """How many independent ranges each one of a pair is worth, (P,): less than 1 if correlated.
+
+    Where slow errors are states their correlation is known as well.
+    """
     table = problem.ranges
     where = np.searchsorted(figures.pair, key)
     total = np.bincount(where, table.variance / table.weight_variance, figures.pair.size)
     worth: Floats = total / figures.total
-    return worth
+    slow = bool(np.any(problem.errors.slow >= 0))
+    return np.minimum(worth, MIN_WHITE_SHARE) if slow else worth
 
 
-def misfit_pairs(figures: PairResiduals, worth: Floats) -> NDArray[np.bool_]:
+def misfit_pairs(
+    figures: PairResiduals, worth: Floats, max_rejected: float = MAX_PAIR_REJECTED_SHARE
+) -> NDArray[np.bool_]:
     """Which pairs (P,) do not fit beyond chance and harmlessness."""
     limit = -normal_quantile(FALSE_ALARM_PROBABILITY / (8.0 * max(figures.pair.size, 1)))
     with np.errstate(invalid="ignore"):
@@ -214,9 +223,7 @@ def misfit_pairs(figures: PairResiduals, worth: Floats) -> NDArray[np.bool_]:
         )
         wide = (nis_score(figures, worth) > limit) & (figures.nis > MAX_PAIR_NIS)
     refused = figures.total - figures.accepted
-    refused_often = (refused > MAX_PAIR_REJECTED_SHARE * figures.total) & (
-        refused >= MIN_PAIR_REJECTED
-    )
+    refused_often = (refused > max_rejected * figures.total) & (refused >= MIN_PAIR_REJECTED)
     return np.asarray(shifted | repeated | wide | refused_often)
 
 
@@ -246,7 +253,7 @@ def late_odometry(trial: CauseSearch) -> Cause | None:
     """
     problem = trial.problem
     drivers = moving_drivers(problem)
-    use = (trial.solution.verdict == eskf.RANGE_USED) & (problem.ranges.stamp > problem.start)
+    use = (trial.solution.verdict == eskf_state.RANGE_USED) & (problem.ranges.stamp > problem.start)
     if not 0 < len(drivers) <= MAX_DELAY_DRIVERS or not np.any(use):
         return None
     case = make_rerun_case(
@@ -278,7 +285,7 @@ def explain_misfit(trial: CauseSearch, names: Sequence[str], *, gross: bool) -> 
     if gross:
         use &= problem.ranges.stamp > problem.start + round(max(CLOCK_DELAYS_S) * 1e9)
     else:
-        use &= trial.solution.verdict == eskf.RANGE_USED
+        use &= trial.solution.verdict == eskf_state.RANGE_USED
     if not np.any(use):
         return None
     case = make_rerun_case(

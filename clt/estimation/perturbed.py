@@ -102,7 +102,8 @@ def make_rerun_case(
     table = RangeTable._make(column[rows] for column in problem.ranges)
     end = int(table.stamp[-1]) if rows.size > 0 else problem.start
     none = Outputs(np.empty(0, np.int64), np.empty(0, np.int64))
-    short = replace(problem, ranges=table, outputs=none, end=end, memory=None)
+    accepting = problem.errors._replace(outliers=problem.errors.outliers._replace(active=0))
+    short = replace(problem, ranges=table, errors=accepting, outputs=none, end=end, memory=None)
     free = settings.model_copy(update={"gate": 0.0, "process": "exact"})
     return RerunCase(short, free, source)
 

@@ -7,13 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from clt.core.diagnostics import Diagnostic
 from clt.core.recording import Recording, Robot, Team, no_ranges, no_uwb_packets
 from clt.core.start import InitialPose, Start
 from clt.estimation import estimators
 from clt.estimation.estimators import DEFAULT_ESTIMATOR, Estimator
 from clt.estimation.finite import finite_poses, keep_finite
+from clt.estimation.noise.estimate import estimate_noise
 from clt.estimation.noise_used import noise_used
-from clt.estimation.posterior import Posterior
+from clt.estimation.posterior import Posterior, add_diagnostics
 from clt.model.settings import FilterSettings
 
 
@@ -41,6 +43,10 @@ def estimate(
 
     Raises CltError where nothing can be estimated.
     """
+    found: tuple[Diagnostic, ...] = ()
+    if settings.noise.estimate and len(start.hypotheses) <= 1:
+        noise = estimate_noise(recording, start, settings, estimator.view)
+        settings, found = noise.settings, noise.diagnostics
     if as_received:
         from clt.estimation.replay import received  # noqa: PLC0415 - slow, and only wanted here
 
@@ -49,7 +55,7 @@ def estimate(
     else:
         posterior = estimators.localize_recording(recording, start, settings, estimator)
         baseline = estimators.dead_reckon_recording(recording, start, settings, estimator.view)
-    posterior = keep_finite(posterior)
+    posterior = add_diagnostics(keep_finite(posterior), found)
     moving = set(recording.odometry) if estimator.view.kind == "world" else set(baseline)
     result = replace(
         recording,

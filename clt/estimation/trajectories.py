@@ -7,7 +7,7 @@ import numpy as np
 from clt.core.arrays import Floats
 from clt.core.geometry import UNIFORM_HEADING_SIGMA
 from clt.core.recording import Innovations, Poses, Recording
-from clt.filters.kalman import eskf
+from clt.filters.kalman import eskf_state
 from clt.model.problem import Problem
 from clt.model.solution import Solution
 from clt.model.state_space import WORLD_REFERENCE
@@ -64,5 +64,5 @@ def innovation_table(problem: Problem, solution: Solution, recording: Recording)
         solution.residual,
         np.sqrt(variance),
         nis,
-        solution.verdict != eskf.RANGE_REJECTED,
+        solution.verdict != eskf_state.RANGE_REJECTED,
     )

@@ -33,6 +33,7 @@ EXTERNAL_SYMBOLS = {
     *("memset", "memcpy", "memmove", "sqrt", "exp", "expm1", "log", "log1p", "pow", "fmod"),
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "hypot", "floor", "ceil"),
     "erf",
+    "erfc",
 }
 """What a kernel may call that is not its own: C's, and with numpy in every process."""
 HELPER_PREFIX = "numba_"

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.core.arrays import Floats, Indices, Stamps
+from clt.model.range_errors import RangeErrors
 from clt.model.range_table import RangeTable
 from clt.model.state_space import StateSpace
 from clt.model.twist_segments import TwistSegments
@@ -43,6 +44,7 @@ class FilterInputs(NamedTuple):
     """Antenna of each block's robot in its body frame, (B, 2), m."""
     segments: TwistSegments
     ranges: RangeTable
+    errors: RangeErrors
     outputs: Outputs
     events: EventSchedule
     start: int

@@ -18,6 +18,7 @@ from clt.model.odometry_gaps import (
     GAP_CORRELATION_S,
     gap_limit,
     gap_twist_variance,
+    sample_intervals,
     structure_function,
 )
 from clt.model.settings import NoiseSettings
@@ -105,7 +106,7 @@ def odometry_statistics(
     v, omega = interval_twist(odometry, robot)
     t = LAG_PERIODS * (period * 1e-9)
     gap, growth = [], []
-    variances = twist_variance(v, omega, *sigma, noise)
+    variances = twist_variance(v, omega, *sigma, noise, sample_intervals(stamp))
     for values, variance in zip((v, omega), variances, strict=True):
         n = float(np.mean(variance))
         gap.append(gap_twist_variance(values, variance, LAG_PERIODS))
@@ -153,8 +154,10 @@ def arrived_segments(
     v, omega = own.odometry.v[rows], own.odometry.omega[rows]
     if own.robot.twist == "instant":
         v, omega = midpoint_values(v, gap), midpoint_values(omega, gap)
-    var_v, var_omega = twist_variance(v, omega, own.sigma_v[rows], own.sigma_omega[rows], noise)
     interval = np.where(gap, usual.period, end - begin) * 1e-9
+    var_v, var_omega = twist_variance(
+        v, omega, own.sigma_v[rows], own.sigma_omega[rows], noise, np.maximum(interval, 1e-9)
+    )
     pieces = int(np.searchsorted(LAG_PERIODS, max(now - int(end[-1]), 0) / usual.period)) + 1
     one = np.ones(pieces)
     columns = [

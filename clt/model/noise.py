@@ -34,8 +34,10 @@ def odometry_sigmas(
     sigma_w = first_known(noise.sigma_omega, odometry.sigma_omega, robot.sigma_omega, size=size)
     notes: tuple[Diagnostic, ...] = ()
     if np.isnan(sigma_v).any() or np.isnan(sigma_w).any():
+        grows = noise.v_per_sqrt_m, noise.omega_per_sqrt_rad, noise.omega_per_sqrt_m
         assumed = {"sigma_v": DEFAULT_SIGMA_V, "sigma_omega": DEFAULT_SIGMA_OMEGA}
-        notes = (Diagnostic("odometry_noise_assumed", robot.name, values=assumed),)
+        if None in grows:
+            notes = (Diagnostic("odometry_noise_assumed", robot.name, values=assumed),)
         sigma_v = np.where(np.isnan(sigma_v), DEFAULT_SIGMA_V, sigma_v)
         sigma_w = np.where(np.isnan(sigma_w), DEFAULT_SIGMA_OMEGA, sigma_w)
     sigma_v = np.clip(sigma_v, MIN_SIGMA_V, MAX_SETTING)
@@ -43,12 +45,28 @@ def odometry_sigmas(
 
 
 def twist_variance(
-    v: Floats, omega: Floats, sigma_v: Floats, sigma_w: Floats, noise: NoiseSettings
+    v: Floats,
+    omega: Floats,
+    sigma_v: Floats,
+    sigma_w: Floats,
+    noise: NoiseSettings,
+    interval: Floats,
 ) -> tuple[Floats, Floats]:
-    """Variances of v and of omega of samples (n,): their own noise and that of moving."""
+    """Variances of v and of omega of samples (n,), means over `interval` (s): noise and motion.
+
+    Errors that grow with the root of distance or angle take the place of the samples' own noise:
+    over a time T, var(v) T^2 = k^2 |v| T. A robot whose odometry says zero stands.
+    """
+    k_d, k_a, k_ad = noise.v_per_sqrt_m, noise.omega_per_sqrt_rad, noise.omega_per_sqrt_m
+    if k_d is not None:
+        sigma_v = np.sqrt(MIN_SIGMA_V**2 + k_d**2 * np.abs(v) / interval)
+    if k_a is not None or k_ad is not None:
+        driven = (k_a or 0.0) ** 2 * np.abs(omega) + (k_ad or 0.0) ** 2 * np.abs(v)
+        sigma_w = np.sqrt(MIN_SIGMA_OMEGA**2 + driven / interval)
     var_v = sigma_v**2 + (noise.v_per_v * v) ** 2 + (noise.v_per_omega * omega) ** 2
     var_w = sigma_w**2 + (noise.omega_per_v * v) ** 2 + (noise.omega_per_omega * omega) ** 2
-    return var_v, var_w
+    still = (v == 0.0) & (omega == 0.0)
+    return np.where(still, MIN_SIGMA_V**2, var_v), np.where(still, MIN_SIGMA_OMEGA**2, var_w)
 
 
 def range_correlation_time(noise: NoiseSettings, team: Team) -> float:

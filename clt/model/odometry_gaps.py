@@ -9,6 +9,8 @@ from clt.core.arrays import Floats, Indices, Stamps
 
 MIN_GAP_PERIODS, MAX_GAP_PERIODS = 1.5, 3.0
 """A step of more median periods than this is a gap in odometry of even, of very uneven steps."""
+UNKNOWN_INTERVAL_S = 0.1
+"""Over which a twist that stands alone is taken to be the mean, s."""
 GAP_CORRELATION_S = 1.0
 """Seconds over which an unseen twist keeps its value."""
 
@@ -22,6 +24,19 @@ def odometry_gaps(stamp: Stamps) -> NDArray[np.bool_]:
     step = np.diff(stamp)
     limit = gap_limit(step) if step.size > 0 else 0.0
     return np.append(np.zeros(min(stamp.size, 1), np.bool_), step > limit)
+
+
+def sample_intervals(stamp: Stamps) -> Floats:
+    """Over how long each sample (n,) is the mean, s: since the one before, or as usual after a gap.
+
+    A sample alone counts as UNKNOWN_INTERVAL_S.
+    """
+    step = np.diff(stamp) * 1e-9
+    if step.size == 0:
+        return np.full(stamp.size, UNKNOWN_INTERVAL_S)
+    usual = max(float(np.median(step)), 1e-9)
+    regular = ~odometry_gaps(stamp)[1:] & (step > 0.0)
+    return np.append(usual, np.where(regular, step, usual))
 
 
 def gap_limit(step: Stamps) -> float:

@@ -8,26 +8,40 @@ Mutual: two robots, each in the other's body frame.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from clt.core.arrays import Floats, Indices, Stamps
 from clt.core.diagnostics import Diagnostic
-from clt.core.errors import CltError, UsageError
-from clt.core.geometry import rotation_matrix
-from clt.core.recording import Recording, Robot
-from clt.core.settings import did_you_mean
-from clt.core.start import InitialPose, Start
+from clt.core.errors import CltError
+from clt.core.recording import Recording
+from clt.core.start import Start
 from clt.model.belief import Belief, Prior, belief_from_prior, make_prior
 from clt.model.choices import FrameSpec
 from clt.model.filter_inputs import FilterInputs, Outputs, schedule_events
-from clt.model.range_table import RangeTable, range_table
+from clt.model.range_errors import (
+    MAX_SLOW_PAIRS,
+    RangeErrors,
+    count_pairs,
+    lay_out_range_errors,
+    no_range_errors,
+    with_slow_noise,
+)
+from clt.model.range_measurements import range_measurements
+from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings
-from clt.model.state_space import WORLD_REFERENCE, StateSpace, make_state_space
+from clt.model.state_layout import StateLayout, choose_states, reason_left_out
+from clt.model.state_space import (
+    ODOMETRY_ERROR_STATES,
+    WORLD_REFERENCE,
+    StateSpace,
+    make_state_space,
+)
 from clt.model.twist_segments import TwistSegments, join_segments, no_segments, robot_segments
-from clt.model.unused import EARLY_END_NS, idle_static_robots, is_uncertain, unused_ranges
+from clt.model.unused import EARLY_END_NS, idle_static_robots, unused_ranges
 
 BASE_LINK_SUFFIX = "/base_link"
 """Ends the id of a frame that moves with a robot."""
@@ -35,9 +49,8 @@ MAX_OUTPUT_STEP_NS = 100_000_000
 """Longest time between two outputs, ns ..."""
 MAX_OUTPUTS_PER_SAMPLE = 100
 """... but no more outputs than this between two odometry samples, however long a gap is."""
-NO_ODOMETRY, NO_INITIAL_POSE = "no_odometry", "no_initial_pose"
-"""Kinds of diagnostics: why a robot is not in the state."""
 WORLD_FRAME_SPEC = FrameSpec("world")
+NO_OUTPUTS = Outputs(np.empty(0, np.int64), np.empty(0, np.int64))
 
 
 @dataclass(frozen=True)
@@ -61,6 +74,8 @@ class Problem:
     """The same of each block's robot, shape (B, 2)."""
     segments: TwistSegments
     ranges: RangeTable
+    errors: RangeErrors
+    """How its ranges err."""
     outputs: Outputs
     start: int
     end: int
@@ -80,6 +95,7 @@ class Problem:
             self.lever,
             self.segments,
             self.ranges,
+            self.errors,
             self.outputs,
             schedule_events(self.ranges, self.outputs),
             self.start,
@@ -99,82 +115,28 @@ class Problem:
         return covariance
 
 
-@dataclass(frozen=True)
-class StateLayout:
-    """Who plays which part: indices go into `names`, the robots whose odometry counts."""
+class DriverTwists(NamedTuple):
+    """Twist segments of all drivers, and what had to be assumed of them."""
 
-    names: tuple[str, ...]
-    who: tuple[int, ...]
-    base: tuple[int, ...]
-    left_out: tuple[Diagnostic, ...]
-
-
-def choose_states(recording: Recording, start: Start, view: FrameSpec) -> StateLayout:
-    """The blocks of a view. Raises CltError, UsageError where it cannot be had."""
-    idle = set(recording.idle).difference(view.names)
-    names, left_out = state_robots(recording, start, idle, every=view.kind != "world")
-    if view.kind == "world":
-        return StateLayout(
-            tuple(names), tuple(range(len(names))), (WORLD_REFERENCE,) * len(names), tuple(left_out)
-        )
-    require_frame_robots(view, recording.team.names)
-    for name in view.names:
-        if name not in names:
-            why = next((reason_left_out(one) for one in left_out if one.subject == name), "no pose")
-            raise CltError(f"no frame of {name}: {why}")
-    if view.kind == "ego":
-        ego = view.names[0]
-        names = [ego, *(name for name in names if name != ego)]
-        if len(names) == 1:
-            why = "; ".join(reason_left_out(one) for one in left_out)
-            raise CltError(f"{ego} has no neighbour that can be localized: {why}")
-        who = tuple(range(1, len(names)))
-        return StateLayout(tuple(names), who, (0,) * len(who), tuple(left_out))
-    return StateLayout(view.names, (1, 0), (0, 1), ())
-
-
-def require_frame_robots(view: FrameSpec, names: Sequence[str]) -> None:
-    """Raise UsageError, naming the nearest, where a view names a robot that the log has not."""
-    for name in view.names:
-        if name not in names:
-            raise UsageError(f"--frame: no robot `{name}` in the log{did_you_mean(name, names)}")
-
-
-def state_robots(
-    recording: Recording, start: Start, idle: Collection[str] = (), *, every: bool = False
-) -> tuple[list[str], list[Diagnostic]]:
-    """Names of the robots in the state, and one diagnostic for each robot left out.
-
-    `idle` ones are left out without one. `every`: static robots of certain position, too.
-    """
-    names: list[str] = []
-    left_out: list[Diagnostic] = []
-    for robot in recording.team.robots:
-        pose = start.poses.get(robot.name)
-        if robot.name in idle:
-            continue
-        if robot.static:
-            if pose is not None and (every or is_uncertain(pose)):
-                names.append(robot.name)
-        elif robot.name not in recording.odometry:
-            left_out.append(Diagnostic(NO_ODOMETRY, robot.name, "partial"))
-        elif pose is None:
-            left_out.append(Diagnostic(NO_INITIAL_POSE, robot.name, "partial"))
-        else:
-            names.append(robot.name)
-    return names, left_out
-
-
-def reason_left_out(found: Diagnostic) -> str:
-    """Why a robot is not in the state, for an error that ends the run."""
-    lack = "moves but has no odometry" if found.kind == NO_ODOMETRY else "has no initial pose"
-    return f"{found.subject} {lack}: not localized"
+    segments: TwistSegments
+    diagnostics: tuple[Diagnostic, ...]
 
 
 def build_problem(
-    recording: Recording, start: Start, settings: FilterSettings, view: FrameSpec = WORLD_FRAME_SPEC
+    recording: Recording,
+    start: Start,
+    settings: FilterSettings,
+    view: FrameSpec = WORLD_FRAME_SPEC,
+    *,
+    lasting_range_errors: bool = False,
+    twists: DriverTwists | None = None,
+    with_outputs: bool = True,
 ) -> Problem:
-    """Lay a recording out for a filter. Raises CltError where nothing can be estimated."""
+    """Lay a recording out for a filter. Raises CltError where nothing can be estimated.
+
+    lasting_range_errors: the filter estimates those, and weighs outliers. twists: what
+    `driver_segments` gives, where that is known. `with_outputs`: estimates are wanted.
+    """
     cast = choose_states(recording, start, view)
     names, team = cast.names, recording.team
     odometry = {name: recording.odometry[name] for name in names if name in recording.odometry}
@@ -182,7 +144,8 @@ def build_problem(
         why = f": {reason_left_out(cast.left_out[0])}" if len(cast.left_out) > 0 else ""
         raise CltError(f"no moving robot can be localized{why}")
     end = max(int(stream.stamp[-1]) for stream in odometry.values())
-    parts, notes = driver_segments(recording, names, settings, start.stamp, end)
+    if twists is None:
+        twists = driver_segments(recording, names, settings, start.stamp, end)
     table, said, placed = range_measurements(recording, start, cast, view, settings, end)
     left_out = [*cast.left_out, *unused_ranges(recording, placed, end)]
     if table.row.size == 0:
@@ -194,12 +157,20 @@ def build_problem(
             left_out.append(Diagnostic("odometry_ends_early", name, "partial", early))
     sigmas = settings.noise.lasting
     calibrated = [d for d, name in enumerate(names) if name in odometry and any(sigmas)]
+    first = 3 * len(cast.who) + ODOMETRY_ERROR_STATES * len(calibrated)
+    errors = no_range_errors(count_pairs(table))
+    range_sigmas: tuple[float, ...] = ()
+    if not lasting_range_errors or count_pairs(table) > MAX_SLOW_PAIRS:
+        table = with_slow_noise(table, settings.noise)
+        settings = without_lasting_range_errors(settings)
+    if lasting_range_errors:
+        errors, range_sigmas, _ = lay_out_range_errors(table, recording.ranges, first, settings)
     prior = make_prior(
         start,
         names,
         cast.who,
         cast.base,
-        sigmas * len(calibrated),
+        (*(sigmas * len(calibrated)), *range_sigmas),
         still=[name for name in names if name not in odometry],
     )
     robots = tuple(names[j] for j in cast.who)
@@ -216,13 +187,22 @@ def build_problem(
         belief_from_prior(prior),
         antenna,
         antenna[list(cast.who)],
-        join_segments(parts),
+        twists.segments,
         table,
-        output_times(cast, {name: odometry[name].stamp for name in odometry}, start.stamp),
+        errors,
+        output_times(cast, {name: odometry[name].stamp for name in odometry}, start.stamp)
+        if with_outputs
+        else NO_OUTPUTS,
         start.stamp,
         end,
-        (*idle_static_robots(recording, start, view), *notes, *said, *left_out),
+        (*idle_static_robots(recording, start, view), *twists.diagnostics, *said, *left_out),
     )
+
+
+def without_lasting_range_errors(settings: FilterSettings) -> FilterSettings:
+    """Settings whose ranges have white noise alone."""
+    none = {"slow": 0.0, "offset": 0.0, "gain": 0.0}
+    return settings.model_copy(update={"noise": settings.noise.model_copy(update=none)})
 
 
 def fixed_frame_id(start: Start) -> str:
@@ -233,7 +213,7 @@ def fixed_frame_id(start: Start) -> str:
 
 def driver_segments(
     recording: Recording, names: Sequence[str], settings: FilterSettings, start: int, end: int
-) -> tuple[list[TwistSegments], list[Diagnostic]]:
+) -> DriverTwists:
     """Twist segments of each robot from `start` to `end` (ns), and what had to be assumed."""
     parts: list[TwistSegments] = []
     notes: list[Diagnostic] = []
@@ -246,60 +226,7 @@ def driver_segments(
             notes += said
         else:
             parts.append(no_segments())
-    return parts, notes
-
-
-def range_measurements(
-    recording: Recording,
-    start: Start,
-    cast: StateLayout,
-    view: FrameSpec,
-    settings: FilterSettings,
-    end: int,
-) -> tuple[RangeTable, tuple[Diagnostic, ...], set[int]]:
-    """The ranges of a view, what had to be assumed, and the robots that it has a place for.
-
-    In a body frame the antenna of the robot it belongs to is a fixed point. Of mutual transforms
-    each range informs that which stands in the frame of the robot that measured it.
-    """
-    team = recording.team
-    index = {name: k for k, name in enumerate(team.names)}
-    blocks = range(len(cast.who)) if view.kind != "mutual" else range(1)
-    state = {index[cast.names[cast.who[b]]]: b for b in blocks}
-    if view.kind == "world":
-        inside = set(cast.names)
-        fixed = {
-            index[name]: antenna_position(team.robots[index[name]], pose)
-            for name, pose in start.poses.items()
-            if team.robots[index[name]].static and name not in inside
-        }
-    else:
-        ego = index[cast.names[0]]
-        fixed = {ego: np.asarray(team.robots[ego].antenna, np.float64)}
-    table, said = range_table(
-        recording.ranges, team, state, fixed, settings.noise, start.stamp, end
-    )
-    if view.kind == "mutual":
-        table = ranges_by_measurer(table, recording, *(team.index(name) for name in cast.names))
-        return table, said, set(range(len(team.robots)))
-    return table, said, {*state, *fixed}
-
-
-def ranges_by_measurer(table: RangeTable, recording: Recording, a: int, b: int) -> RangeTable:
-    """Ranges of the pair (a, b) of team indices: those by b inform block 1, in b's frame."""
-    theirs = recording.ranges.source[table.row] == b
-    own = np.asarray(recording.team.robots[b].antenna, np.float64)
-    return table._replace(
-        a=np.where(theirs, -1 - b, 0),
-        b=np.where(theirs, 1, -1 - a),
-        anchor=np.ascontiguousarray(np.where(theirs[:, None], own, table.anchor)),
-    )
-
-
-def antenna_position(robot: Robot, pose: InitialPose) -> Floats:
-    """Where the antenna of a fixed robot is, shape (2,), m."""
-    arm: Floats = rotation_matrix(float(pose.mean[2])) @ np.asarray(robot.antenna)
-    return pose.mean[:2] + arm
+    return DriverTwists(join_segments(parts), tuple(notes))
 
 
 def output_times(cast: StateLayout, stamps: Mapping[str, Stamps], start: int) -> Outputs:

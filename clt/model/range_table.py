@@ -34,6 +34,8 @@ class RangeTable(NamedTuple):
     """Of one range, m^2: what the gate tests against."""
     weight_variance: Floats
     """What the update uses: larger where errors are correlated in time."""
+    pair: Indices
+    """Number of the pair of robots, whoever measured, from 0."""
 
 
 def range_table(
@@ -70,6 +72,7 @@ def range_table(
     variance = np.clip(sigma, MIN_SIGMA_RANGE, MAX_SETTING) ** 2
     low = np.minimum(ranges.source[row], ranges.target[row])
     high = np.maximum(ranges.source[row], ranges.target[row])
+    _, pair = np.unique(low * size + high, return_inverse=True)
     fixed = np.where(source[row] < 0, ranges.source[row], ranges.target[row])
     table = RangeTable(
         row,
@@ -82,5 +85,6 @@ def range_table(
         inflated_variances(
             variance, ranges.stamp[row], low * size + high, range_correlation_time(noise, team)
         ),
+        pair.ravel().astype(np.int64),
     )
     return table, tuple(notes)

@@ -10,6 +10,8 @@ from clt.core.settings import Settings
 
 MAX_SETTING = 1e6
 """Far beyond every sensor and every log; squares of it still leave digits to the rest."""
+DEFAULT_GATE = 16.0
+"""Largest NIS of a range that filters without a model of outliers accept."""
 Positive = Annotated[float, Field(gt=0, le=MAX_SETTING)]
 NotNegative = Annotated[float, Field(ge=0, le=MAX_SETTING)]
 
@@ -17,6 +19,9 @@ NotNegative = Annotated[float, Field(ge=0, le=MAX_SETTING)]
 class NoiseSettings(Settings):
     """What the filter believes of the sensors; None takes what the log has."""
 
+    estimate: bool = True
+    """Whether the log decides on what is not set here, from a unique start: the errors of odometry
+    by motion, `scale`, `bias`, `sigma_range`, `slow`, `offset`, `outliers.isolated`."""
     sigma_v: Positive | None = None
     """One odometry sample, m/s."""
     sigma_omega: Positive | None = None
@@ -29,6 +34,12 @@ class NoiseSettings(Settings):
     """Further error of omega by driving, rad/s per m/s."""
     omega_per_omega: NotNegative = 0.0
     """Further error of omega as a share of |omega|."""
+    v_per_sqrt_m: NotNegative | None = None
+    """Error of the distance driven, m per square root of 1 m: of moving, in place of `sigma_v`."""
+    omega_per_sqrt_rad: NotNegative | None = None
+    """Error of the angle turned, rad per square root of 1 rad, in place of `sigma_omega`."""
+    omega_per_sqrt_m: NotNegative | None = None
+    """Error of the heading by driving, rad per square root of 1 m, in place of `sigma_omega`."""
     sigma_range: Positive | None = None
     """One calibrated range, m."""
     scale: NotNegative = 0.0
@@ -39,11 +50,34 @@ class NoiseSettings(Settings):
     """How far off each robot's omega may be throughout, rad/s; beyond 0 it is estimated."""
     correlation_time: NotNegative | None = None
     """Of the range error of one pair, s; ranges that come faster count for fewer."""
+    slow: NotNegative = 0.0
+    """Standard deviation of the slow error of each pair's ranges, m; beyond 0 it is estimated."""
+    slow_time: Positive = 10.0
+    """Over which a slow range error changes, s."""
+    slow_distance: NotNegative = 0.0
+    """Distance at which a slow range error has grown by 41 %, m; 0: it is the same at all."""
+    offset: NotNegative = 0.0
+    """How far off all ranges of a node may be throughout, m; beyond 0 it is estimated."""
+    gain: NotNegative = 0.0
+    """How far off all ranges may be throughout, as a share of the distance; beyond 0 estimated."""
 
     @property
     def lasting(self) -> tuple[float, float, float]:
         """Standard deviations of the errors that last: scale of v, of omega, bias (rad/s)."""
         return self.scale, self.scale if self.scale_omega is None else self.scale_omega, self.bias
+
+
+class OutlierSettings(Settings):
+    """Ranges that are not in line of sight, for the Kalman filters."""
+
+    share: Annotated[float, Field(gt=0, lt=1)] = 0.1
+    """Of the time that a pair is blocked."""
+    duration: Positive = 3.0
+    """For how long at a time on average, s."""
+    isolated: Annotated[float, Field(ge=0, lt=1)] = 0.05
+    """Share of outliers that come alone."""
+    mean: Positive = 0.5
+    """Of an outlier, m."""
 
 
 class InitialPoseSettings(Settings):
@@ -134,8 +168,10 @@ class FilterSettings(Settings):
     """Taken at the latest estimate, or at the first one of each instant: consistent where the team
     cannot be fixed in the world, or turns about a robot that stands. auto: first with fewer than
     two fixed robots and in body frames. The UKF holds what they hold."""
-    gate: NotNegative = 16.0
-    """A range is rejected when its NIS (a pure number) exceeds this; 0 accepts all."""
+    gate: NotNegative | None = None
+    """A range is rejected when its NIS (a pure number) exceeds this; 0 accepts all. None: the
+    Kalman filters weigh outliers by `outliers`, the others reject beyond 16."""
+    outliers: OutlierSettings = OutlierSettings()
     reacquire: Positive = 3.0
     """A robot is searched for when more than 40 % of its ranges, with several partners, were
     rejected over this time, s; what is found replaces the estimate where the ranges fit it clearly
@@ -144,3 +180,8 @@ class FilterSettings(Settings):
     mixture: MixtureSettings = MixtureSettings()
     pf: ParticleSettings = ParticleSettings()
     dpf: DistributedSettings = DistributedSettings()
+
+    @property
+    def nis_gate(self) -> float:
+        """The gate, also where none is set."""
+        return DEFAULT_GATE if self.gate is None else self.gate

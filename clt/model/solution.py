@@ -24,7 +24,7 @@ class Solution:
     variance: Floats
     """Of the residual, m^2."""
     verdict: Indices
-    """`eskf.RANGE_REJECTED` or `eskf.RANGE_USED`."""
+    """`eskf_state.RANGE_REJECTED` or `eskf_state.RANGE_USED`."""
     lost: Indices
     """How often each block looked lost and was searched for, shape (B,)."""
     belief: Belief
@@ -40,6 +40,8 @@ class Solution:
     """Messages and bytes that each robot sent and heard; none of a centralized filter."""
     apart: Mapping[str, float] = field(default_factory=dict)
     """Seconds that robots of a distributed filter could not reach the ego, if that was long."""
+    log_density: Floats | None = None
+    """Of each range given those before it, (n,); None where a filter has no model of outliers."""
     found: Indices | None = None
     """How often what was found took the place of each block's estimate, (B,); None: never."""
 

@@ -15,7 +15,12 @@ from clt.core.arrays import Floats, Indices, Stamps
 from clt.core.diagnostics import Diagnostic
 from clt.core.recording import Odometry, Robot
 from clt.model.noise import odometry_sigmas, twist_variance
-from clt.model.odometry_gaps import GAP_CORRELATION_S, gap_twist_variance, odometry_gaps
+from clt.model.odometry_gaps import (
+    GAP_CORRELATION_S,
+    gap_twist_variance,
+    odometry_gaps,
+    sample_intervals,
+)
 from clt.model.settings import NoiseSettings
 
 
@@ -53,7 +58,8 @@ def odometry_variances(
     """Variances of v and of omega of each sample (n,), and what had to be assumed."""
     sigma_v, sigma_w, notes = odometry_sigmas(odometry, robot, noise)
     v, omega = interval_twist(odometry, robot)
-    return *twist_variance(v, omega, sigma_v, sigma_w, noise), notes
+    interval = sample_intervals(odometry.stamp)
+    return *twist_variance(v, omega, sigma_v, sigma_w, noise, interval), notes
 
 
 def robot_segments(

@@ -36,6 +36,10 @@ MISFIT = {
 }  # fmt: skip
 OFFSET = {"kind": "offset", "robots": ["R1", "R2"], "value": 0.5, "place_m": None}
 VALUES = {
+    "noise_estimated": {
+        "noise": {"slow": 0.1, "sigma_range": None, "outliers.isolated": 0.02},
+        "runs": 9,
+    },
     "fixed_ranges": {"count": 2},
     "ranges_contradict": {"pair": "R1-R2"},
     "ranges_biased": {"pairs": "R1-R2 or R1-R3", "cause": OFFSET},

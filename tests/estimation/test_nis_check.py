@@ -26,7 +26,7 @@ def matched():
 
 def localized(recording, *, filter_="eskf", frame="world", **settings):
     """What is said to be wrong with a run from the truth: the lines that end with exit code 3."""
-    chosen = FilterSettings.model_validate(settings)
+    chosen = FilterSettings.model_validate({"gate": 16.0, **settings})
     start = from_truth(recording, chosen.initial.sigma)
     estimator = Estimator(filter_, parse_frame_spec(frame))
     posterior = estimators.localize_recording(recording, start, chosen, estimator)

@@ -162,7 +162,7 @@ def test_a_gap_before_the_start_is_not_reported():
 
 
 def test_after_its_last_sample_a_robot_goes_on_with_a_wide_error():
-    sampled = odometry(50 * MS * np.arange(1, 5), [0.0, 1.0, 0.0, 1.0], 0.0)
+    sampled = odometry(50 * MS * np.arange(1, 5), [0.0, 1.0, 0.0, 1.0], 1e-9)
     segments, _ = robot_segments(sampled, ROBOT, QUIET, 0, 450 * MS)
     assert segments.end[-1] == 450 * MS
     assert segments.v[-1] == 1.0
@@ -177,7 +177,7 @@ def test_a_single_sample_moves_nothing_before_its_stamp():
 
 
 def test_noise_nobody_gives_is_assumed_and_said():
-    sampled = odometry([50 * MS, 100 * MS], 0.0)
+    sampled = odometry([50 * MS, 100 * MS], 1.0)
     segments, notes = robot_segments(sampled, ROBOT, NoiseSettings(), 0, 100 * MS)
     assert len(notes) == 1
     assert (
@@ -185,7 +185,7 @@ def test_noise_nobody_gives_is_assumed_and_said():
     )
     np.testing.assert_allclose(segments.var_v, DEFAULT_SIGMA_V**2)
     for known in (replace(ROBOT, sigma_v=0.3, sigma_omega=0.2), ROBOT):
-        recorded = odometry([50 * MS, 100 * MS], 0.0, sigma=0.7 if known is ROBOT else np.nan)
+        recorded = odometry([50 * MS, 100 * MS], 1.0, sigma=0.7 if known is ROBOT else np.nan)
         segments, notes = robot_segments(recorded, known, NoiseSettings(), 0, 100 * MS)
         assert notes == ()
         np.testing.assert_allclose(segments.var_v, 0.49 if known is ROBOT else 0.09)

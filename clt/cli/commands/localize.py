@@ -130,7 +130,7 @@ def localize(
     from clt.estimation.estimators import MULTI_HYPOTHESIS_FILTERS, Estimator
     from clt.estimation.rehearsal import rehearse
     from clt.log.recording.save import save
-    from clt.model.problem import require_frame_robots
+    from clt.model.state_layout import require_frame_robots
     from clt.observability.advice import advise
 
     estimator = Estimator(chosen, view, engine)

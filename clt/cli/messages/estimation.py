@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from clt.cli.messages.misfit import misfit_text
 from clt.cli.messages.words import Texts, fill_template, first_few, times_in_words
 from clt.core.diagnostics import DIVERGED, Diagnostic
@@ -53,7 +55,26 @@ def fixed_ranges_text(found: Diagnostic) -> str:
     return f"{count_text(count, 'range')} between static robots of known position {verb} left out"
 
 
+NOISE_UNITS = {
+    "sigma_range": " m", "slow": " m", "slow_time": " s", "slow_distance": " m", "offset": " m",
+    "bias": " rad/s", "v_per_sqrt_m": " m/sqrt(m)", "omega_per_sqrt_rad": " rad/sqrt(rad)",
+    "omega_per_sqrt_m": " rad/sqrt(m)",
+}  # fmt: skip
+
+
+def noise_estimated_text(found: Diagnostic) -> str:
+    """What the log showed of its sensors in place of what is stated."""
+    noise: Mapping[str, float | None] = found.values["noise"]
+    parts = [
+        f"{key if '.' in key else f'noise.{key}'} {'as stated' if value is None else f'{value:g}'}"
+        f"{'' if value is None else NOISE_UNITS.get(key, '')}"
+        for key, value in noise.items()
+    ]
+    return "noise as the log shows it: " + ", ".join(parts) + "; what --set gives is kept"
+
+
 ESTIMATION_TEXTS: Texts = {
+    "noise_estimated": noise_estimated_text,
     "idle_static_robots": idle_static_text,
     "odometry_noise_assumed": "the log does not give the odometry noise of {subject}: assumed "
     "{sigma_v} m/s and {sigma_omega} rad/s; set noise.sigma_v and noise.sigma_omega",

@@ -40,15 +40,11 @@ from clt.model.arrivals import arrival_order, inflate_by_arrived_ranges, replay_
 from clt.model.choices import FrameSpec
 from clt.model.known_odometry import OdometryInput, make_odometry_input
 from clt.model.noise import range_correlation_time
-from clt.model.problem import (
-    WORLD_FRAME_SPEC,
-    Problem,
-    build_problem,
-    choose_states,
-    range_measurements,
-)
+from clt.model.problem import WORLD_FRAME_SPEC, Problem, build_problem
+from clt.model.range_measurements import range_measurements
 from clt.model.range_table import RangeTable
 from clt.model.settings import FilterSettings, NoiseSettings
+from clt.model.state_layout import choose_states
 from clt.model.state_space import WORLD_REFERENCE
 
 

@@ -33,7 +33,7 @@ from clt.filters.distributed.team import (
     merge_groups,
     unreachable_seconds,
 )
-from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
+from clt.filters.kalman.eskf_state import RANGE_REJECTED, RANGE_USED
 from clt.model.filter_inputs import Outputs
 from clt.model.problem import Problem
 from clt.model.settings import FilterSettings
@@ -163,7 +163,7 @@ def robot_message(team: DistributedTeam, r: int, k: int, now: int) -> Floats:
     w = np.exp(member.belief.log_weight)
     mean = h @ w
     variance = (s + (h - mean[:, None]) ** 2) @ w + table.variance
-    residual, gate = table.range - mean, team.settings.gate
+    residual, gate = table.range - mean, team.settings.nis_gate
     used = (residual**2 <= gate * variance) | (gate == 0.0)
     trace.residual[row], trace.variance[row] = residual, variance
     trace.verdict[row] = np.where(used, RANGE_USED, RANGE_REJECTED)

@@ -175,7 +175,7 @@ def make_gaussian_member(
         hold=use_first_estimates(problem, settings),
     )
     return GaussianMember(
-        problem, rounds, settings.gate, gaussians, make_merge_workspace(gaussians)
+        problem, rounds, settings.nis_gate, gaussians, make_merge_workspace(gaussians)
     )
 
 

@@ -22,7 +22,7 @@ from clt.filters.filterpy.model import (
     step_noise,
 )
 from clt.filters.filterpy.run import gate_ranges, run_filterpy
-from clt.filters.kalman.eskf import RANGE_USED
+from clt.filters.kalman.eskf_state import RANGE_USED
 from clt.filters.kalman.free import (
     Instant,
     directions_for_problem,
@@ -107,4 +107,4 @@ def solve_team_ekf(problem: Problem, settings: FilterSettings) -> Solution:
 def filter_team_ekf(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
     """Run the filter alone."""
     team = TeamEkf(problem, settings, hold=hold)
-    return replace(run_filterpy(team, problem, settings.gate), memory=team.shift)
+    return replace(run_filterpy(team, problem, settings.nis_gate), memory=team.shift)

@@ -9,7 +9,7 @@ import numpy as np
 from clt.core.arrays import Floats, Indices
 from clt.core.geometry import wrap_angle
 from clt.filters.filterpy.model import SegmentClock
-from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
+from clt.filters.kalman.eskf_state import RANGE_REJECTED, RANGE_USED
 from clt.filters.kalman.free import UnobservableDirections
 from clt.filters.kalman.gaussian import single_gaussian
 from clt.filters.kalman.turn_curvature import add_turn_curvature

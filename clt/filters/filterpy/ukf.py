@@ -20,7 +20,7 @@ from clt.filters.filterpy.model import (
     step_noise,
 )
 from clt.filters.filterpy.run import gate_ranges, run_filterpy
-from clt.filters.kalman.eskf import RANGE_USED
+from clt.filters.kalman.eskf_state import RANGE_USED
 from clt.filters.kalman.free import (
     Instant,
     add_unobservable,
@@ -138,4 +138,4 @@ def solve_team_ukf(problem: Problem, settings: FilterSettings) -> Solution:
 
 def filter_team_ukf(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
     """Run the filter alone."""
-    return run_filterpy(TeamUkf(problem, settings, hold=hold), problem, settings.gate)
+    return run_filterpy(TeamUkf(problem, settings, hold=hold), problem, settings.nis_gate)

@@ -11,13 +11,20 @@ from __future__ import annotations
 
 import math
 from contextlib import nullcontext
-from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from clt.core.arrays import Floats, Indices, Stamps
+from clt.core.arrays import Floats
 from clt.filters.kalman import updates
+from clt.filters.kalman.eskf_state import (
+    RANGE_REJECTED,
+    RANGE_USED,
+    EskfMemory,
+    EskfOptions,
+    EskfState,
+    KalmanOutput,
+)
 from clt.filters.kalman.free import (
     Instant,
     UnobservableDirections,
@@ -25,12 +32,22 @@ from clt.filters.kalman.free import (
     inactive_directions,
     replace_unobservable,
 )
+from clt.filters.kalman.range_errors import (
+    BLOCKED_PROBABILITY,
+    age_error,
+    begin_blocked,
+    entries_per_range,
+    initial_pairs,
+    judge_pair,
+    predict_erring_range,
+    weigh_range,
+)
 from clt.filters.kalman.turn_curvature import add_turn_curvature
 from clt.filters.kalman.updates import UpdateWorkspace
 from clt.jit.compiled import compiled_noalloc, inlined
 from clt.model.covariance_propagation import propagate_blocks
 from clt.model.filter_inputs import EventSchedule, FilterInputs
-from clt.model.range_model import predict_range
+from clt.model.range_errors import RangeErrors
 from clt.model.range_table import RangeTable
 from clt.model.state_space import StateSpace
 from clt.model.twist_segments import TwistSegments
@@ -38,62 +55,6 @@ from clt.model.unicycle import exact_arc, process_noise
 
 MIN_BATCH_ROBOTS, MIN_BATCH_RANGES_PER_ROBOT = 12, 6
 """From this many robots and ranges per robot the information form is faster (benchmarks/)."""
-RANGE_REJECTED, RANGE_USED = 0, 1
-"""Verdicts on a range: outside the gate, fused."""
-
-
-class KalmanOutput(NamedTuple):
-    """What the kernel gives back. One row per output and one per range."""
-
-    mean: Floats
-    """(outputs, 3)."""
-    covariance: Floats
-    """(outputs, 3, 3)."""
-    residual: Floats
-    """m."""
-    variance: Floats
-    """Of the residual, m^2."""
-    verdict: Indices
-    """RANGE_REJECTED or RANGE_USED."""
-    last_mean: Floats
-    last_covariance: Floats
-
-
-class EskfOptions(NamedTuple):
-    """How the filter works."""
-
-    gate: float
-    """Chi-square bound of one range, 0 for none."""
-    form: int
-    """Of the process noise."""
-    first: bool = False
-    """First-estimates Jacobians of poses in the world instead of those at the latest estimate."""
-
-
-class EskfMemory(NamedTuple):
-    """What a run needs beside mean and covariance to go on where an earlier one stopped."""
-
-    shift: Floats
-    """How far ranges moved each block since its last step (`propagate_world_block`), (B, 2), m."""
-
-
-class EskfState(NamedTuple):
-    """What the filter knows of B blocks moved by D drivers; N numbers."""
-
-    x: Floats
-    """Nominal state, shape (N,)."""
-    P: Floats
-    """Covariance of the error state, shape (N, N)."""
-    time: Stamps
-    """Up to when each driver is propagated, shape (D,), ns."""
-    cursor: Indices
-    """The twist segment that each driver is in."""
-    shift: Floats
-    """How far ranges moved each block since its last step (`propagate_world_block`), (B, 2), m."""
-    F: Floats
-    """Scratch of `propagate_blocks`, shape (B, 2)."""
-    G: Floats
-    """The same, shape (N, 2)."""
 
 
 # More than eight arguments: the numbers of one step, all of them scalars.
@@ -142,7 +103,7 @@ def propagate_driver(
     state: EskfState, d: int, until: int, segments: TwistSegments, space: StateSpace, form: int
 ) -> None:
     """Bring driver d to the time `until` (ns) through its twist segments."""
-    x, P, time, cursor, shift, F, G = state
+    x, P, time, cursor, shift, _, F, G = state
     first = space.first[d]
     alone = space.first[d + 1] - first == 1 and space.forward[first] == 1
     alone = alone and space.calibration[d] < 0
@@ -184,22 +145,38 @@ def advance_block(
             propagate_driver(state, space.base[i], until, segments, space, form)
 
 
+# More than eight arguments: the ranges of one instant of a run.
 @compiled_noalloc
 def compute_innovations(
-    state: EskfState, lever: Floats, ranges: RangeTable, m: int, last: int, gate: float,
-    work: UpdateWorkspace, run: KalmanOutput,
-) -> None:  # fmt: skip
-    """Residual r = z - h(x) of ranges m .. last - 1, variance S, verdict r^2 <= gate S."""
-    J, H = work.J, work.H
+    state: EskfState, lever: Floats, ranges: RangeTable, errors: RangeErrors, m: int, last: int,
+    gate: float, work: UpdateWorkspace, run: KalmanOutput,
+) -> int:  # fmt: skip
+    """Residual r = z - h(x) of ranges m .. last - 1, variance S, and what is to be fused of them.
+
+    Without a model of outliers the verdict is r^2 <= gate S. Returns how many pairs are to begin
+    as blocked (`begin_blocked`).
+    """
+    x, P, pairs, begun = state.x, state.P, state.pairs, 0
     for k in range(m, last):
-        row, px, py = k - m, ranges.anchor[k, 0], ranges.anchor[k, 1]
-        r = ranges.range[k] - predict_range(
-            state.x, lever, ranges.a[k], ranges.b[k], px, py, J, H, row
+        row, q = k - m, ranges.pair[k]
+        age_error(x, P, errors, pairs, q, ranges.stamp[k])
+        own = errors.slow[q] if pairs.held[q] < 0 else -1
+        r = ranges.range[k] - predict_erring_range(
+            x, lever, ranges, k, errors, own, False, work, row
         )
-        S = updates.projected_variance(state.P, J, H, row) + ranges.variance[k]
+        S = updates.projected_variance(P, work.J, work.H, row) + ranges.variance[k]
+        if pairs.held[q] >= 0 and errors.slow[q] >= 0:
+            S += errors.sigma_slow**2
         verdict = RANGE_USED if gate <= 0.0 or r * r <= gate * S else RANGE_REJECTED
-        run.residual[k], run.variance[k], run.verdict[k] = r, S, verdict
         work.residual[row], work.R[row], work.used[row] = r, ranges.weight_variance[k], verdict
+        if errors.outliers.active != 0:
+            judged = judge_pair(r, S, ranges, k, errors, pairs)
+            verdict = RANGE_USED if judged.clear >= BLOCKED_PROBABILITY else RANGE_REJECTED
+            run.log_density[k] = judged.log_density
+            begun += weigh_range(x, P, lever, ranges, k, errors, pairs, judged, S, work, row)
+        run.residual[k], run.variance[k], run.verdict[k] = r, S, verdict
+        pairs.stamp[q] = ranges.stamp[k]
+    return begun
 
 
 @inlined
@@ -251,7 +228,7 @@ def eskf_kernel(
 
     Ranges of one stamp are fused together, before the outputs of that stamp.
     """
-    space, lever, segments, ranges, outputs, events, now, end = inputs
+    space, lever, segments, ranges, errors, outputs, events, now, end = inputs
     gate, form, first = options
     # A literal 0 would compile all that is called with it once more.
     turns: int = np.int64(0)  # type: ignore[assignment]  # numpy's integer
@@ -263,7 +240,7 @@ def eskf_kernel(
             advance_block(state, a, now, segments, space, form, b < 0)
             advance_block(state, b, now, segments, space, form, a < 0)
         if last > m:
-            compute_innovations(state, lever, ranges, m, last, gate, work, run)
+            begun = compute_innovations(state, lever, ranges, errors, m, last, gate, work, run)
             if hold:
                 instant = Instant(space, ranges, segments, state.cursor, m, last)
                 turns = find_unobservable(state.x, state.P, instant, free)
@@ -271,6 +248,8 @@ def eskf_kernel(
             if hold:
                 instant = Instant(space, ranges, segments, state.cursor, m, last)
                 replace_unobservable(state.x, state.P, instant, free, turns)
+            if begun > 0:
+                begin_blocked(state.x, state.P, lever, ranges, errors, state.pairs, work, m, last)
         for o in range(events.first_output[e], events.first_output[e + 1]):
             i = outputs.robot[o]
             advance_block(state, i, now, segments, space, form, True)
@@ -286,7 +265,7 @@ def make_kalman_output(inputs: FilterInputs, x: Floats, P: Floats) -> KalmanOutp
     M, O = inputs.ranges.stamp.size, inputs.outputs.stamp.size  # noqa: E741 - o of O
     return KalmanOutput(
         np.empty((O, 3)), np.empty((O, 3, 3)),
-        np.empty(M), np.empty(M), np.empty(M, np.int64), x, P,
+        np.empty(M), np.empty(M), np.empty(M, np.int64), np.zeros(M), x, P,
     )  # fmt: skip
 
 
@@ -295,9 +274,11 @@ def max_ranges_per_event(events: EventSchedule) -> int:
     return int(np.diff(events.first_range).max(initial=0))
 
 
-def initial_memory(n: int) -> EskfMemory:
-    """Of n blocks that no range moved yet."""
-    return EskfMemory(np.zeros((n, 2)))
+def initial_memory(inputs: FilterInputs) -> EskfMemory:
+    """Of a run that begins: no range moved a block yet, no pair is known to be blocked."""
+    return EskfMemory(
+        np.zeros((inputs.space.who.size, 2)), initial_pairs(inputs.errors, inputs.start)
+    )
 
 
 def run_eskf(
@@ -317,12 +298,14 @@ def run_eskf(
     """
     x, P = mean.astype(np.float64), covariance.astype(np.float64)
     n, drivers = inputs.space.who.size, inputs.segments.first.size - 1
-    memory = initial_memory(n) if memory is None else memory
+    memory = initial_memory(inputs) if memory is None else memory
     state = EskfState(
         x, P, np.full(drivers, inputs.start), inputs.segments.first[:-1].copy(),
-        memory.shift, np.zeros((n, 2)), np.zeros((x.size, 2)),
+        memory.shift, memory.pairs, np.zeros((n, 2)), np.zeros((x.size, 2)),
     )  # fmt: skip
-    work = updates.make_update_workspace(max_ranges_per_event(inputs.events), x.size)
+    work = updates.make_update_workspace(
+        max_ranges_per_event(inputs.events), x.size, entries_per_range(inputs.errors)
+    )
     result = make_kalman_output(inputs, x, P)
     large = MIN_BATCH_RANGES_PER_ROBOT if n >= MIN_BATCH_ROBOTS else None
     free = inactive_directions() if free is None else free

@@ -13,8 +13,9 @@ import numpy as np
 
 from clt.core.arrays import Floats
 from clt.core.errors import UsageError
-from clt.filters.kalman import eskf
+from clt.filters.kalman import eskf, eskf_state
 from clt.filters.kalman.free import directions_for_problem, use_first_estimates
+from clt.filters.kalman.range_errors import PairMemory, forget_errors
 from clt.filters.kalman.reacquisition import solve_with_search
 from clt.model import unicycle
 from clt.model.belief import Belief
@@ -44,13 +45,17 @@ def solve_eskf_without_search(problem: Problem, settings: FilterSettings) -> Sol
 def filter_eskf(problem: Problem, settings: FilterSettings, *, hold: bool) -> Solution:
     """Run the filter alone; `hold` what no range observes (`free`), decided once for a log."""
     form = process_noise_form(problem, settings)
-    memory = restore_eskf_memory(problem)
+    mean, covariance, memory = problem.mean, problem.covariance, restore_eskf_memory(problem)
+    if memory is None:
+        memory = eskf.initial_memory(problem.inputs)
+        mean, covariance = mean.copy(), covariance.copy()
+        forget_errors(mean, covariance, problem.errors)
     relative = bool(np.any(problem.space.base != WORLD_REFERENCE))
     run = eskf.run_eskf(
-        problem.mean,
-        problem.covariance,
+        mean,
+        covariance,
         problem.inputs,
-        eskf.EskfOptions(settings.gate, form, hold and not relative),
+        eskf_state.EskfOptions(settings.nis_gate, form, hold and not relative),
         free=directions_for_problem(problem, hold and relative),
         memory=memory,
     )
@@ -63,17 +68,19 @@ def filter_eskf(problem: Problem, settings: FilterSettings, *, hold: bool) -> So
         np.zeros(len(problem.robots), np.int64),
         single_gaussian(run.last_mean, run.last_covariance),
         memory=memory,
+        log_density=run.log_density if problem.errors.outliers.active else None,
     )
 
 
 solve_ekf = solve_eskf
 
 
-def restore_eskf_memory(problem: Problem) -> eskf.EskfMemory:
-    """What the run that this one goes on from kept, copied; else what a first one begins with."""
-    if isinstance(problem.memory, eskf.EskfMemory):
-        return eskf.EskfMemory._make(column.copy() for column in problem.memory)
-    return eskf.initial_memory(len(problem.robots))
+def restore_eskf_memory(problem: Problem) -> eskf_state.EskfMemory | None:
+    """What the run that this one goes on from kept, copied; None of a first one."""
+    if isinstance(problem.memory, eskf_state.EskfMemory):
+        pairs = PairMemory._make(column.copy() for column in problem.memory.pairs)
+        return eskf_state.EskfMemory(problem.memory.shift.copy(), pairs)
+    return None
 
 
 def process_noise_form(problem: Problem, settings: FilterSettings) -> int:

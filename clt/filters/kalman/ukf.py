@@ -16,14 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.core.arrays import Floats, Indices
-from clt.filters.kalman.eskf import (
-    RANGE_REJECTED,
-    RANGE_USED,
-    KalmanOutput,
-    make_kalman_output,
-    max_ranges_per_event,
-    write_pose_output,
-)
+from clt.filters.kalman.eskf import make_kalman_output, max_ranges_per_event, write_pose_output
+from clt.filters.kalman.eskf_state import RANGE_REJECTED, RANGE_USED, KalmanOutput
 from clt.filters.kalman.free import (
     Instant,
     UnobservableDirections,
@@ -258,7 +252,7 @@ def ukf_kernel(
 
     Ranges of one stamp are fused together, before the outputs of that stamp.
     """
-    space, lever, segments, ranges, outputs, events, now, end = inputs
+    space, lever, segments, ranges, _, outputs, events, now, end = inputs
     # As in `eskf_kernel`: a literal 0 would compile all that is called with it once more.
     none: int = np.int64(0)  # type: ignore[assignment]
     between = Instant(space, ranges, segments, state.cursor, none, none)
@@ -302,7 +296,7 @@ def filter_ukf(problem: Problem, settings: FilterSettings, *, hold: bool) -> Sol
         state,
         make_sigma_points(x.size, settings.ukf),
         inputs,
-        settings.gate,
+        settings.nis_gate,
         form,
         directions_for_problem(problem, hold),
         make_measurement_moments(max_ranges_per_event(inputs.events), x.size),

@@ -1,8 +1,9 @@
 """Joint Kalman update with many scalar measurements of one instant, in place.
 
 All measurements share the linearization point, as in the textbook batch update: `count` rows of H
-with at most six entries that are not zero (a range touches two robots). `sequential_update` and
-`batch_update` give the same posterior; their costs grow as count N^2 and N^3.
+with at most E entries that are not zero: six as a range touches two robots, and those of its
+errors. `sequential_update` and `batch_update` give the same posterior; their costs grow as
+count N^2 and N^3.
 """
 
 from __future__ import annotations
@@ -16,14 +17,17 @@ from numpy.typing import NDArray
 from clt.core.arrays import Floats, Indices
 from clt.jit.compiled import compiled_noalloc, inlined, kernel
 
+POSE_ENTRIES, ALL_ENTRIES = 6, 10
+"""Entries of H for the poses of two robots; and for the lasting errors of the range as well."""
+
 
 class UpdateWorkspace(NamedTuple):
     """Linearized measurements of one instant, in the first rows, and what they change."""
 
     J: Indices
-    """State index of each entry of H, shape (rows, 6); any index where the entry is zero."""
+    """State index of each entry of H, shape (rows, E); any index where the entry is zero."""
     H: Floats
-    """Entries of the Jacobian, shape (rows, 6)."""
+    """Entries of the Jacobian, shape (rows, E)."""
     residual: Floats
     R: Floats
     """Variance of each measurement."""
@@ -35,11 +39,11 @@ class UpdateWorkspace(NamedTuple):
     """Scratch, shape (N,)."""
 
 
-def make_update_workspace(rows: int, N: int) -> UpdateWorkspace:
-    """Room for `rows` measurements of a state of N numbers."""
+def make_update_workspace(rows: int, N: int, entries: int = POSE_ENTRIES) -> UpdateWorkspace:
+    """Room for `rows` measurements of a state of N numbers, each with so many entries of H."""
     return UpdateWorkspace(
-        np.zeros((rows, 6), np.int64),
-        np.zeros((rows, 6)),
+        np.zeros((rows, entries), np.int64),
+        np.zeros((rows, entries)),
         np.zeros(rows),
         np.zeros(rows),
         np.zeros(rows, np.int64),
@@ -52,7 +56,7 @@ def make_update_workspace(rows: int, N: int) -> UpdateWorkspace:
 def row_times_vector(vector: Floats, J: Indices, H: Floats, m: int) -> float:
     """H_m vector."""
     total = 0.0
-    for k in range(6):
+    for k in range(H.shape[1]):
         total += H[m, k] * vector[J[m, k]]
     return total
 
@@ -62,7 +66,7 @@ def covariance_times_row(P: Floats, J: Indices, H: Floats, m: int, out: Floats) 
     """P H_m^T into `out` (N,), reading rows as P is symmetric."""
     for c in range(out.size):
         out[c] = 0.0
-    for k in range(6):
+    for k in range(H.shape[1]):
         h, j = H[m, k], J[m, k]
         if h != 0.0:
             for c in range(out.size):
@@ -73,9 +77,9 @@ def covariance_times_row(P: Floats, J: Indices, H: Floats, m: int, out: Floats) 
 def projected_variance(P: Floats, J: Indices, H: Floats, m: int) -> float:
     """H_m P H_m^T."""
     total = 0.0
-    for k in range(6):
+    for k in range(H.shape[1]):
         if H[m, k] != 0.0:
-            for c in range(6):
+            for c in range(H.shape[1]):
                 total += H[m, k] * P[J[m, k], J[m, c]] * H[m, c]
     return total
 
@@ -108,7 +112,7 @@ def sequential_update(P: Floats, work: UpdateWorkspace, count: int) -> None:
 def mark_columns(work: UpdateWorkspace, count: int, columns: Indices) -> None:
     """Set those columns to 1 that the used ones of the first `count` rows touch."""
     for m in range(count):
-        for k in range(6):
+        for k in range(work.H.shape[1]):
             if work.used[m] != 0 and work.H[m, k] != 0.0:
                 columns[work.J[m, k]] = 1
 
@@ -127,13 +131,13 @@ def normal_equations(work: UpdateWorkspace, count: int) -> tuple[Floats, Floats,
         place[touched[t]] = t
     A, g = np.zeros((touched.size, touched.size)), np.zeros(touched.size)
     for m in range(count):
-        for k in range(6):
+        for k in range(H.shape[1]):
             if used[m] == 0 or H[m, k] == 0.0:
                 continue
             p = place[J[m, k]]
             weight = H[m, k] / R[m]
             g[p] += weight * residual[m]
-            for j in range(6):
+            for j in range(H.shape[1]):
                 if H[m, j] != 0.0:
                     A[p, place[J[m, j]]] += weight * H[m, j]
     return A, g, touched, others

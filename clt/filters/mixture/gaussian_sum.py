@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.core.arrays import Floats, Indices, Stamps
-from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
+from clt.filters.kalman.eskf_state import RANGE_REJECTED, RANGE_USED
 from clt.filters.kalman.free import (
     Instant,
     UnobservableDirections,

@@ -61,7 +61,9 @@ def solve_mixture(problem: Problem, settings: FilterSettings) -> Solution:
         hold=use_first_estimates(problem, settings),
     )
     trace = make_mixture_output(problem.outputs, problem.ranges)
-    mixture_kernel(gaussians, problem.inputs, settings.gate, make_merge_workspace(gaussians), trace)
+    mixture_kernel(
+        gaussians, problem.inputs, settings.nis_gate, make_merge_workspace(gaussians), trace
+    )
     return Solution(
         trace.mean, trace.covariance, trace.residual, trace.variance, trace.verdict,
         np.zeros(len(problem.robots), np.int64), gaussian_sum_belief(gaussians), trace.share,
@@ -89,7 +91,7 @@ def mixture_kernel(
     trace: MixtureOutput,
 ) -> None:
     """The filter over a whole log: fills `trace`; `gaussians` ends as the last posterior."""
-    space, lever, segments, ranges, outputs, events, _, end = inputs
+    space, lever, segments, ranges, _, outputs, events, _, end = inputs
     for e in range(events.stamp.size):
         now = events.stamp[e]
         for m in range(events.first_range[e], events.first_range[e + 1]):

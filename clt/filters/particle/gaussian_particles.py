@@ -57,7 +57,7 @@ def solve_gaussian_particles(problem: Problem, settings: FilterSettings) -> Solu
     gaussian_particles_kernel(
         gaussians,
         problem.inputs,
-        settings.gate,
+        settings.nis_gate,
         kernel_seed(problem, settings),
         np.zeros(K, np.int64),
         np.zeros(K, np.int64),
@@ -106,7 +106,7 @@ def gaussian_particles_kernel(
     """The filter over a whole log: fills `trace`; `gaussians` ends as the last posterior."""
     np.random.seed(seed)  # noqa: NPY002  numba's generator of this thread
     K = gaussians.alive[0]
-    space, lever, segments, ranges, outputs, events, _, end = inputs
+    space, lever, segments, ranges, _, outputs, events, _, end = inputs
     for e in range(events.stamp.size):
         now = events.stamp[e]
         for m in range(events.first_range[e], events.first_range[e + 1]):

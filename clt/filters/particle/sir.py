@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clt.core.arrays import Floats, Indices, Stamps
-from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
+from clt.filters.kalman.eskf_state import RANGE_REJECTED, RANGE_USED
 from clt.filters.mixture.gaussian_sum import MixtureOutput, make_mixture_output, normalize_weights
 from clt.filters.particle.regularization import CellWorkspace, make_cell_workspace, regularize
 from clt.filters.particle.resampling import (
@@ -70,7 +70,7 @@ def solve_sir(problem: Problem, settings: FilterSettings) -> Solution:
     sir_kernel(
         cloud,
         problem.inputs,
-        settings.gate,
+        settings.nis_gate,
         kernel_seed(problem, settings),
         is_mutual(problem.space),
         trace,
@@ -202,7 +202,7 @@ def sir_kernel(
     """The filter over a whole log: fills `trace`; `cloud` ends as the last posterior."""
     np.random.seed(seed)  # noqa: NPY002  numba's generator of this thread
     K = cloud.log_weight.size
-    space, lever, segments, ranges, outputs, events, _, end = inputs
+    space, lever, segments, ranges, _, outputs, events, _, end = inputs
     for e in range(events.stamp.size):
         now = events.stamp[e]
         for m in range(events.first_range[e], events.first_range[e + 1]):

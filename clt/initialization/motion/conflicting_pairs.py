@@ -11,7 +11,7 @@ import numpy as np
 
 from clt.core.arrays import Indices
 from clt.core.recording import Recording
-from clt.filters.kalman.eskf import KalmanOutput
+from clt.filters.kalman.eskf_state import KalmanOutput
 from clt.initialization.motion.team import JointStart
 from clt.initialization.motion.window import (
     StartWindow,

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from clt.core.arrays import Floats
 from clt.core.recording import Recording
-from clt.filters.kalman import eskf
+from clt.filters.kalman import eskf, eskf_state
 from clt.model.filter_inputs import FilterInputs, Outputs, schedule_events
 from clt.model.noise import MIN_SIGMA_OMEGA, MIN_SIGMA_V
+from clt.model.range_errors import count_pairs, no_range_errors
 from clt.model.range_table import RangeTable, range_table
 from clt.model.settings import FilterSettings, NoiseSettings
 from clt.model.state_space import world_state_space
@@ -53,6 +54,7 @@ class StartWindow:
             self.lever,
             self.segments,
             self.ranges,
+            no_range_errors(count_pairs(self.ranges)),
             NO_OUTPUTS,
             schedule_events(self.ranges, NO_OUTPUTS),
             self.start,
@@ -123,23 +125,23 @@ def _zero_until(part: TwistSegments, until: int) -> TwistSegments:
     )
 
 
-def filter_window(window: StartWindow, mean: Floats, covariance: Floats) -> eskf.KalmanOutput:
+def filter_window(window: StartWindow, mean: Floats, covariance: Floats) -> eskf_state.KalmanOutput:
     """Filter a window from a joint mean and covariance at its start."""
     return eskf.run_eskf(
         mean,
         covariance,
         window.inputs,
-        eskf.EskfOptions(window.settings.gate, EXACT_NOISE),
+        eskf_state.EskfOptions(window.settings.nis_gate, EXACT_NOISE),
     )
 
 
-def bounded_nis(window: StartWindow, result: eskf.KalmanOutput) -> Floats:
+def bounded_nis(window: StartWindow, result: eskf_state.KalmanOutput) -> Floats:
     """NIS of each range, cut off: however far off a range is, it may have been an outlier."""
-    worst = window.settings.gate if window.settings.gate > 0.0 else MAX_UNGATED_NIS
+    worst = window.settings.nis_gate if window.settings.nis_gate > 0.0 else MAX_UNGATED_NIS
     return np.minimum(result.residual**2 / result.variance, worst)
 
 
-def range_log_likelihoods(window: StartWindow, result: eskf.KalmanOutput) -> Floats:
+def range_log_likelihoods(window: StartWindow, result: eskf_state.KalmanOutput) -> Floats:
     """Logarithm of how probable each range was, up to a constant.
 
     A range counts for as many as it is worth where errors are correlated.
@@ -148,12 +150,12 @@ def range_log_likelihoods(window: StartWindow, result: eskf.KalmanOutput) -> Flo
     return np.asarray(-0.5 * worth * (bounded_nis(window, result) + np.log(result.variance)))
 
 
-def log_likelihood(window: StartWindow, result: eskf.KalmanOutput) -> float:
+def log_likelihood(window: StartWindow, result: eskf_state.KalmanOutput) -> float:
     """Logarithm of how probable all ranges were, up to a constant."""
     return float(np.sum(range_log_likelihoods(window, result)))
 
 
-def window_nis(window: StartWindow, result: eskf.KalmanOutput) -> float:
+def window_nis(window: StartWindow, result: eskf_state.KalmanOutput) -> float:
     """Mean NIS of the ranges of a window, outliers cut off; 1 for a true model."""
     return float(np.mean(bounded_nis(window, result)))
 

@@ -30,7 +30,7 @@ def test_a_table_and_all_of_them_as_json():
     assert {key["name"].partition(".")[0] for key in noise} == {"noise"}
     assert [key for key in every if key["name"].startswith("noise.")] == noise
     (gate,) = [key for key in every if key["name"] == "gate"]
-    assert (gate["default"], gate["unit"], gate["type"]) == (16.0, "-", "number >= 0, <= 1e+06")
+    assert (gate["default"], gate["unit"], gate["type"]) == (None, "-", "number >= 0, <= 1e+06")
 
 
 def test_those_of_scenarios():

@@ -491,7 +491,7 @@ def test_weights_look_only_at_ranges_that_were_known():
     pair = np.array([1, 2, 1, 2, 1, 1])
     variance = np.full(6, 0.01)
     i, f = np.zeros(6, np.int64), np.zeros(6)
-    table = RangeTable(i, stamp, i, i, np.zeros((6, 2)), f, variance, f)
+    table = RangeTable(i, stamp, i, i, np.zeros((6, 2)), f, variance, f, i)
     tau = 0.15
     gain = lambda seconds: 0.01 * (1 + np.exp(-seconds / tau)) / (1 - np.exp(-seconds / tau))  # noqa: E731
     weighed = inflate_by_arrived_ranges(table, log_time, pair, tau).weight_variance

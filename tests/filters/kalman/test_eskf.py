@@ -15,7 +15,7 @@ from clt.core.geometry import wrap_angle
 from clt.estimation import estimators
 from clt.filters.filterpy import ekf
 from clt.filters.kalman import eskf
-from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
+from clt.filters.kalman.eskf_state import RANGE_REJECTED, RANGE_USED
 from clt.filters.kalman.gaussian import solve_eskf
 from clt.initialization.given.truth import from_truth
 from clt.model.problem import build_problem

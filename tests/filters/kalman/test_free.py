@@ -10,7 +10,7 @@ import pytest
 from clt.core.geometry import wrap_angle
 from clt.estimation.estimators import FILTERS
 from clt.filters.kalman import free, unscented
-from clt.filters.kalman.eskf import RANGE_USED
+from clt.filters.kalman.eskf_state import RANGE_USED
 from clt.initialization.given.truth import from_truth
 from clt.model.choices import parse_frame_spec
 from clt.model.problem import build_problem
@@ -31,7 +31,9 @@ def table(a, b, anchors):
     n = len(a)
     place = [anchors[-1 - min(p)] if min(p) < 0 else (0.0, 0.0) for p in zip(a, b, strict=True)]
     ones, whole = np.ones(n), np.arange(n)
-    return RangeTable(whole, whole, np.array(a), np.array(b), np.array(place), ones, ones, ones)
+    return RangeTable(
+        whole, whole, np.array(a), np.array(b), np.array(place), ones, ones, ones, whole
+    )
 
 
 @pytest.mark.parametrize(

@@ -218,7 +218,7 @@ def table(residual, period=0.05):
     variance = np.full(n, 0.01)
     ends = np.zeros(n, np.int64), np.full(n, -1)
     fixed = np.zeros((n, 2))
-    return RangeTable(np.arange(n), stamp, *ends, fixed, np.zeros(n), variance, variance)
+    return RangeTable(np.arange(n), stamp, *ends, fixed, np.zeros(n), variance, variance, ends[0])
 
 
 def test_evidence_is_that_of_a_gaussian_where_nothing_is_wrong():

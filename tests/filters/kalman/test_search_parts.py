@@ -66,9 +66,11 @@ def table(rows, sigma=0.1):
     stamp = np.rint(t * SECOND).astype(np.int64)
     variance = np.full(n, sigma**2)
     ends = a.astype(np.int64), b.astype(np.int64)
+    _, pair = np.unique(np.sort(np.stack(ends), axis=0), axis=1, return_inverse=True)
     return RangeTable(
-        np.arange(n), stamp, *ends, np.column_stack([x, y]), d, variance, variance.copy()
-    )
+        np.arange(n), stamp, *ends, np.column_stack([x, y]), d, variance, variance.copy(),
+        pair.ravel().astype(np.int64),
+    )  # fmt: skip
 
 
 def test_verdicts_are_counted_and_who_disagreed_is_kept():

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 from clt.core.geometry import wrap_angle
 from clt.estimation import estimators
-from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
+from clt.filters.kalman.eskf_state import RANGE_REJECTED, RANGE_USED
 from clt.filters.kalman.gaussian import solve_ekf
 from clt.filters.kalman.ukf import solve_ukf
 from clt.filters.kalman.unscented import (

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
+from clt.filters.kalman.eskf_state import RANGE_REJECTED, RANGE_USED
 from clt.filters.kalman.free import inactive_directions
 from clt.filters.mixture.adaptive_splitting import (
     MAX_HEADING_SIGMA,

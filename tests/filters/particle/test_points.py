@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from clt.filters.kalman.eskf import RANGE_REJECTED, RANGE_USED
+from clt.filters.kalman.eskf_state import RANGE_REJECTED, RANGE_USED
 from clt.filters.mixture.gaussian_sum import make_mixture_output
 from clt.filters.particle.gaussian_particles import draw_gaussians
 from clt.filters.particle.regularization import (
@@ -30,6 +30,7 @@ from clt.model.belief import Belief
 from clt.model.filter_inputs import FilterInputs, Outputs, schedule_events
 from clt.model.mixture_moments import ROWS
 from clt.model.mutual import set_inverse_mean
+from clt.model.range_errors import no_range_errors
 from clt.model.state_space import make_state_space, world_state_space
 from clt.model.twist_segments import TwistSegments
 from tests.filters.kalman.test_search_parts import SECOND, table
@@ -244,7 +245,8 @@ def test_a_range_of_the_ego_brings_the_ego(ends):
     none = np.empty(0, np.int64)
     outputs = Outputs(none, none)
     inputs = FilterInputs(
-        space, np.zeros((1, 2)), segments, ranges, outputs, schedule_events(ranges, outputs), 0,
+        space, np.zeros((1, 2)), segments, ranges, no_range_errors(1), outputs,
+        schedule_events(ranges, outputs), 0,
         SECOND,
     )  # fmt: skip
     cloud = cloud_of([[5.0, 0.0, 0.0]] * 4, drivers=2)

@@ -1,0 +1,1 @@
+"""How noisy the sensors of a log are, from the log itself."""
