@@ -42,7 +42,7 @@ LOGS = (
     Log("thu, not calibrated", "thu", "thu_rcl_20190418", None, "world",
         "offsets of 0.6 m are more than default priors expect"),
     Log("VUB exp4", "vub", "vub_tb4_relative/exp4", HERE / "vub_calibration.toml", "ego:tb2",
-        "one pair: outliers are weighed, nothing else can tell them from motion"),
+        "one pair: outliers are weighed, nothing else can separate them from motion"),
     Log("VUB exp2", "vub", "vub_tb4_relative/exp2", HERE / "vub_calibration.toml", "ego:tb2",
         "visual odometry that jumps: no filter of twists can follow"),
     Log("plaza2", "plaza", "plaza2", GAIN_PLAZA, "world",

@@ -69,6 +69,13 @@ class Console:
             print(f"\r\x1b[K{printable(text)}", end="", file=sys.stderr, flush=True)
             self.shown = text != ""
 
+    def step(self, text: str) -> None:
+        """What is going on, as `progress` shows it; without a terminal a line of its own."""
+        if sys.stderr.isatty():
+            self.progress(text)
+        elif text != "":
+            self.say(text.strip())
+
     def report(self, found: Iterable[Diagnostic], about: str = "") -> None:
         """Say what was found; `about` names what a text does not begin with, such as a log."""
         from clt.cli.messages.render import diagnostic_text

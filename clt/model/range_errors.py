@@ -55,7 +55,7 @@ class RangeErrors(NamedTuple):
     slow: Indices
     """State of the slow error of each pair, (Q,)."""
     supported: Indices
-    """1 where both ends that move have other pairs as well, (Q,): its error can be told apart from
+    """1 where both ends that move have other pairs as well, (Q,): its error can be separated from
     their poses while it is blocked."""
     shared: Indices
     """States for the errors of blocked pairs that have none of their own, (K,)."""

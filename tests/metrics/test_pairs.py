@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from clt.core.recording import Innovations, Robot, Team
-from clt.metrics.pairs import all_nis, pair_nis
+from clt.metrics.pairs import all_nis, pair_nis, significance_marks
 from clt.metrics.residuals import pair_residuals
 
 TEAM = Team((Robot("A", 1), Robot("B", 2), Robot("C", 3)))
@@ -75,6 +75,17 @@ def test_errors_that_stay_alike_for_a_while_show_no_mean_and_no_variance():
 def test_what_is_not_chance_is_marked(change, expected):
     for pair in pair_nis(innovations(change(white())), TEAM).values():
         assert expected in pair.significant
+
+
+@pytest.mark.parametrize(
+    ("worth", "mean", "nis"), [((1.0, 1e-4), 1, 0), ((1e-4, 1.0), 0, 1), ((1.0, 1.0), 1, 1)]
+)
+def test_mean_and_squares_are_worth_what_each_of_them_is(worth, mean, nis):
+    table = pair_residuals(
+        np.zeros(4000, np.int64), 1.3 * white() + 0.03, np.full(4000, 0.1), np.ones(4000, np.bool_)
+    )
+    marks = significance_marks(table, np.zeros(1, np.int64), tuple(np.array([w]) for w in worth))
+    assert (marks["mean"], marks["nis"]) == ([mean], [nis])
 
 
 def test_rejected_ranges_are_marked_and_not_counted():

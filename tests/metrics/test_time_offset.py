@@ -8,7 +8,7 @@ import pytest
 from clt.core.errors import CltError
 from clt.core.recording import Poses, Recording, Robot, Team
 from clt.metrics.reference import assign_reference, shift_poses, with_reference
-from clt.metrics.time_offset import estimate_time_offset
+from clt.metrics.time_offset import _signals, estimate_time_offset
 
 SECOND = 1_000_000_000
 
@@ -67,6 +67,20 @@ def test_a_part_without_headings_and_a_track_that_drifts():
         {"R1": shift_poses(part, -3 * SECOND)}, {"R1": track}, {"R1": reckoned}
     )
     assert found.nanoseconds * 1e-9 == pytest.approx(3.0, abs=0.02)
+
+
+@pytest.mark.parametrize(("gap", "known"), [(0.4, 1.0), (0.7, 0.0)])
+def test_motion_is_unknown_across_gaps_longer_than_the_window(gap, known):
+    """At 10 Hz it is measured over 0.5 s."""
+    t = np.arange(101) / 10.0
+    t = t[(t <= 4.0) | (t > 3.95 + gap)]
+    stamp = np.rint(t * 1e9).astype(np.int64)
+    speed, turn = _signals(
+        Poses("world", stamp, stamp, t, 0.0 * t, 0.0 * t), 0, 10 * SECOND, SECOND // 20
+    )
+    for signal in (speed, turn):
+        assert signal.known[84] == known
+        assert signal.known[[4, 60, 120, 196]].tolist() == [0.0, 1.0, 1.0, 0.0]
 
 
 def still(poses):

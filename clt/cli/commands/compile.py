@@ -121,13 +121,16 @@ def work(parts: Collection[str], jobs: int, console: Console) -> dict[str, float
         show(parts, console)
         for done in as_completed(running):
             seconds[running[done]] = done.result()
-            show([name for name in parts if name not in seconds], console)
+            show([name for name in parts if name not in seconds], console, running[done])
+        console.progress("")
     return {name: seconds[name] for name in parts}
 
 
-def show(left: Collection[str], console: Console) -> None:
-    """Name on a terminal what is still to be compiled."""
-    console.progress(f"  compiling, {len(left)} to go: {', '.join(left)}" if len(left) > 0 else "")
+def show(left: Collection[str], console: Console, done: str = "") -> None:
+    """Name what was compiled just now, and what still is to be."""
+    begun = "compiling" if done == "" else f"compiled {done}"
+    names = f": {', '.join(left)}" if len(left) > 0 else ""
+    console.step(f"  {begun}, {len(left)} to go{names}")
 
 
 def run(words: list[str]) -> float:

@@ -50,7 +50,7 @@ class NoiseSearch:
     settings: FilterSettings
     view: FrameSpec
     hold: bool
-    """What no range tells is held (`kalman.free`)."""
+    """What no range observes is held (`kalman.free`)."""
     drivers: tuple[str, ...]
     end: int
     """ns."""

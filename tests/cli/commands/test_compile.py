@@ -39,13 +39,25 @@ def test_runs_every_command_and_leaves_no_log(tmp_path, monkeypatch):
     assert min(printed["seconds"].values()) > 0.0
     assert printed["directory"] == eskf.eskf_kernel.dispatcher.stats.cache_path
     assert list(tmp_path.iterdir()) == []
+    first, one, last = done.stderr.splitlines()
+    assert first == "compiling, 2 to go: ranging, motion"
+    assert one in {"compiled motion, 1 to go: ranging", "compiled ranging, 1 to go: motion"}
+    assert last.endswith(", 0 to go")
+
+
+@pytest.mark.usefixtures("few")
+def test_says_nothing_where_it_shall_be_quiet():
+    done = clt("motion", "-q")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert done.stdout.startswith("motion ")
 
 
 def test_names_the_command_that_fails(monkeypatch):
     monkeypatch.setattr(command, "COMPILED", {"motion": ("info", "none.mcap")})
     done = clt()
     assert done.exit_code == 1
-    assert done.stderr.startswith("clt: error: clt info ended with 1: clt: error: none.mcap: ")
+    _, error = done.stderr.splitlines()
+    assert error.startswith("clt: error: clt info ended with 1: clt: error: none.mcap: ")
     assert done.stdout == ""
 
 
