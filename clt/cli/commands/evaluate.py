@@ -119,6 +119,8 @@ def evaluate(
         for task, scored in zip(tasks, scores_in_order(tasks, jobs, console), strict=True):
             name = str(task.log)
             console.adopt(scored.console)
+            if scored.raised is not None:
+                raise scored.raised
             said = scored.console.diagnostics
             if scored.evaluation is None:
                 objects.append({"log": name, "error": scored.error, "diagnostics": said})
@@ -151,7 +153,7 @@ class ScoreTask:
     quiet: bool
     verbose: bool
     alone: bool
-    """Errors are raised instead of kept."""
+    """Its errors end the command instead of standing in its results."""
 
 
 @dataclass(frozen=True)
@@ -162,6 +164,8 @@ class Scored:
     error: str
     console: Console
     """With all that was found; nothing is said yet."""
+    raised: Exception | None = None
+    """What ends the command, once that is said."""
 
 
 def scores_in_order(tasks: list[ScoreTask], jobs: int, console: Console) -> Iterator[Scored]:
@@ -176,7 +180,7 @@ def scores_in_order(tasks: list[ScoreTask], jobs: int, console: Console) -> Iter
 
 
 def score(task: ScoreTask) -> Scored:
-    """Evaluate one log. Raises CltError for one that stands alone."""
+    """Evaluate one log; an error of one that stands alone ends the command."""
     from clt.cli.console import Console
     from clt.core.errors import CltError, UsageError
 
@@ -187,7 +191,7 @@ def score(task: ScoreTask) -> Scored:
         )
     except (CltError, OSError) as error:
         if task.alone or isinstance(error, UsageError):
-            raise
+            return Scored(None, str(error), console, error)
         text = error.strerror if isinstance(error, OSError) else None
         return failed_score(task.log, with_log_name(task.log, text or str(error)), console)
     return Scored(evaluation, "", console)
